@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The error tree of the bench.
+
+Each leaf is also the builtin that a Python user expects, so that both
+``except BenchError`` and ``except ValueError`` do what they say.
+The text of every error names what is wrong, where, and what to do next.
+"""
+
+
+class BenchError(Exception):
+    """Root of every error that the bench raises on purpose."""
+
+
+class ConfigError(BenchError, ValueError):
+    """A setting, parameter or configuration file is not acceptable."""
+
+
+class DataError(BenchError, ValueError):
+    """Numbers handed to the metrology core cannot give the result asked for."""
+
+
+class UnitError(BenchError, ValueError):
+    """A unit is unknown, or two units do not measure the same quantity."""
+
+
+class RecordingError(BenchError, ValueError):
+    """A recording cannot be read, or holds nothing that can be analysed."""
+
+
+class BusError(BenchError, OSError):
+    """A transfer on a bus failed."""
+
+
+class NoAnswer(BusError):
+    """Nothing acknowledged at the address."""
+
+
+class BusBusy(BusError):
+    """The bus is held by somebody else, or a line is stuck."""
+
+
+class PermissionDenied(BusError, PermissionError):
+    """The device file exists but this user may not open it."""
+
+
+class FrameError(BenchError, ValueError):
+    """Bytes on the wire do not form a valid frame."""
+
+
+class ChecksumError(FrameError):
+    """A frame arrived whole, with a checksum that does not match."""
+
+
+class IdentityError(BenchError, RuntimeError):
+    """Something answers at the address, but it is not the expected chip."""
+
+
+class NotReady(BenchError, RuntimeError):
+    """The device or component was asked before it had anything to give."""

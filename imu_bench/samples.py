@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one shape that flows through the bench: a run of consecutive samples of one sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+from imu_bench.errors import DataError
+import numpy as np
+import numpy.typing as npt
+
+AXES = ('x', 'y', 'z')
+
+
+class Quantity(NamedTuple):
+    """A measured vector quantity: its name in results and topics, its field here, its SI unit."""
+
+    name: str
+    field: str
+    unit: str
+
+
+LINEAR_ACCELERATION = Quantity('linear_acceleration', 'acceleration', 'm/s²')
+ANGULAR_VELOCITY = Quantity('angular_velocity', 'angular_velocity', 'rad/s')
+IMU_QUANTITIES = (LINEAR_ACCELERATION, ANGULAR_VELOCITY)
+
+_VECTORS = ('acceleration', 'angular_velocity', 'magnetic_field')
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """
+    A run of consecutive samples of one sensor; immutable.
+
+    A FIFO burst is a run of 30, a polled reading a run of 1, a whole recording
+    a run of 50 million.  Fields the sensor does not have are None.
+
+    Attributes
+    ----------
+    stamps : ndarray of int64, shape (n,)
+        Time of measurement in nanoseconds.
+    acceleration : ndarray of float64, shape (n, 3), or None
+        Specific force in m/s²: +g on z at rest with z up (REP-145).
+    angular_velocity : ndarray of float64, shape (n, 3), or None
+        In rad/s.
+    magnetic_field : ndarray of float64, shape (n, 3), or None
+        In tesla.
+    temperature : ndarray of float64, shape (n,), or None
+        In degrees Celsius.
+
+    Examples
+    --------
+    >>> run = Samples(stamps=[0, 10_000_000], acceleration=[[0, 0, 9.8], [0, 0, 9.9]])
+    >>> len(run), run.acceleration.shape, run.angular_velocity is None
+    (2, (2, 3), True)
+    >>> len(run[1:])
+    1
+    """
+
+    stamps: npt.NDArray[np.int64]
+    acceleration: npt.NDArray[np.float64] | None = None
+    angular_velocity: npt.NDArray[np.float64] | None = None
+    magnetic_field: npt.NDArray[np.float64] | None = None
+    temperature: npt.NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        stamps = _frozen(np.asarray(self.stamps, dtype=np.int64))
+        if stamps.ndim != 1:
+            raise DataError(f'stamps must have shape (n,), got {stamps.shape}')
+        object.__setattr__(self, 'stamps', stamps)
+        for name in _VECTORS:
+            self._accept(name, (stamps.size, 3))
+        self._accept('temperature', (stamps.size,))
+
+    def _accept(self, name: str, shape: tuple[int, ...]) -> None:
+        given = getattr(self, name)
+        if given is None:
+            return
+        values = _frozen(np.asarray(given, dtype=np.float64))
+        if values.size == 0 == shape[0]:
+            values = _frozen(values.reshape(shape))
+        if values.shape != shape:
+            raise DataError(f'{name} must have shape {shape} like the stamps, got {values.shape}')
+        object.__setattr__(self, name, values)
+
+    def __len__(self) -> int:
+        return int(self.stamps.size)
+
+    def __getitem__(self, part: slice) -> Samples:
+        """Return the samples of a slice; the arrays are views, nothing is copied."""
+        if not isinstance(part, slice):
+            raise TypeError(f'Samples are sliced, not indexed: got {part!r}')
+        columns: dict[str, Any] = {
+            field.name: None if (column := getattr(self, field.name)) is None else column[part]
+            for field in fields(self)
+        }
+        return Samples(**columns)
+
+    @classmethod
+    def concatenate(cls, runs: Iterable[Samples]) -> Samples:
+        """
+        Return one run made of several, in the order given.
+
+        Raises
+        ------
+        DataError
+            If the runs do not carry the same quantities.
+        """
+        parts = list(runs)
+        if not parts:
+            return cls(stamps=np.empty(0, dtype=np.int64))
+        joined = {}
+        for field in fields(cls):
+            columns = [getattr(part, field.name) for part in parts]
+            if all(column is None for column in columns):
+                continue
+            if any(column is None for column in columns):
+                raise DataError(f'cannot join runs with and without {field.name}')
+            joined[field.name] = columns[0] if len(columns) == 1 else np.concatenate(columns)
+        return cls(**joined)
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    """Return a read-only view, so that the caller's own array stays as it was."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Package description for pip and colcon (ament_python)."""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'imu_bench'
+HERE = Path(__file__).resolve().parent
+# a sensor's node exists because its driver file exists
+SENSORS = sorted(
+    path.stem
+    for path in (HERE / NAME / 'drivers').glob('*.py')
+    if path.stem not in ('__init__', 'driver')
+)
+
+
+def share(pattern: str) -> list[tuple[str, list[str]]]:
+    """Return data_files that mirror the matching files below share/imu_bench."""
+    folders: dict[str, list[str]] = {}
+    for path in sorted(glob(pattern, root_dir=HERE, recursive=True)):
+        if (HERE / path).is_file():
+            folders.setdefault(f'share/{NAME}/{Path(path).parent}', []).append(path)
+    return list(folders.items())
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    packages=find_packages(exclude=['test', 'test.*', 'benchmarks']),
+    package_data={NAME: ['**/*.html', '**/*.css', '**/*.js', '**/*.jinja']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        *share('config/**/*.yaml'),
+        *share('launch/*_launch.py'),
+    ],
+    python_requires='>=3.10',
+    install_requires=[
+        'setuptools',
+        'numpy>=1.26',
+        'scipy>=1.11',
+        'PyYAML>=6.0',
+        'rosbags>=0.11',
+        'bokeh>=3.4',
+        'rich>=13',
+        'smbus2>=0.4; sys_platform == "linux"',
+        'pyserial>=3.5; sys_platform == "linux"',
+        'python-periphery>=2.4; sys_platform == "linux"',
+    ],
+    extras_require={
+        'ros': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
+        'figures': ['matplotlib>=3.8'],
+        'cluster': ['distributed>=2024.1'],
+        'fast': ['numba>=0.60'],
+        'test': [
+            'pytest>=7.4',
+            'pytest-timeout>=2.2',
+            'pytest-xdist>=3.5',
+            'hypothesis>=6.90',
+            'ruff>=0.12',
+            'mypy>=1.16',
+            'import-linter>=2.1',
+            'types-PyYAML',
+            'allantools==2024.6',
+            'mcap-ros2-support>=0.5',
+            'cyclonedds==11.0.1',
+            'colcon-common-extensions',
+        ],
+    },
+    zip_safe=True,
+    author='imu_bench maintainers',
+    maintainer='imu_bench maintainers',
+    maintainer_email='maintainers@imu-bench.invalid',
+    description='A test bench for several IMUs: nodes, emulators, noise metrology, reports.',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'imu-bench = imu_bench.cli.main:main',
+            'sensor_node = imu_bench.nodes.sensor_node:main',
+            'analysis_node = imu_bench.nodes.analysis_node:main',
+            'recorder_node = imu_bench.nodes.recorder_node:main',
+            *(f'{sensor}_node = imu_bench.nodes.sensor_node:main' for sensor in SENSORS),
+        ],
+    },
+)

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fixtures for every test: the shared recordings, and a ROS 2 that stays on this machine."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_configure(config):
+    """Keep ROS 2 on this machine and strict, before anything imports rclpy."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+    worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
+    # 1..101 are safe on Linux; each worker and run gets its own
+    os.environ['ROS_DOMAIN_ID'] = str(1 + (os.getppid() * 7 + int(worker)) % 100)
+
+
+@pytest.fixture(scope='session')
+def shared_data():
+    """Return the folder of real recordings; they are not part of the repository."""
+    folder = Path(os.environ.get('IMU_BENCH_DATA', ROOT.parent / 'shared' / 'data'))
+    if not folder.is_dir():
+        message = (
+            f'no recordings at {folder}: set IMU_BENCH_DATA to the folder that holds nbs14, '
+            'mpu6050_static, rosbag1_husky_imu and the others'
+        )
+        if os.environ.get('CI'):
+            pytest.fail(message)
+        pytest.skip(message)
+    return folder
