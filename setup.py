@@ -67,6 +67,7 @@ setup(
             'mcap-ros2-support>=0.5',
             'cyclonedds==11.0.1',
             'colcon-common-extensions',
+            'setuptools<80',  # colcon builds ament_python packages with setup.py develop
         ],
     },
     zip_safe=True,

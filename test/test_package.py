@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What colcon, rosdep and pip read about the package agrees."""
+
+from pathlib import Path
+import re
+import xml.etree.ElementTree as ElementTree
+
+import imu_bench
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def test_one_version_everywhere():
+    manifest = ElementTree.parse(ROOT / 'package.xml').getroot()
+    setup = (ROOT / 'setup.py').read_text(encoding='utf-8')
+    assert manifest.get('format') == '3'
+    assert manifest.findtext('version') == imu_bench.__version__
+    assert re.search(r"version='([^']+)'", setup).group(1) == imu_bench.__version__
+
+
+def test_manifest_names_the_build_type_and_licence():
+    manifest = ElementTree.parse(ROOT / 'package.xml').getroot()
+    assert manifest.findtext('export/build_type') == 'ament_python'
+    assert manifest.findtext('license') == 'Apache-2.0'
+    assert 'Apache License' in (ROOT / 'LICENSE').read_text(encoding='utf-8')
+
+
+def test_executables_land_where_ros2_run_looks():
+    text = (ROOT / 'setup.cfg').read_text(encoding='utf-8')
+    assert text.count('$base/lib/imu_bench') == 2
+    assert (ROOT / 'resource' / 'imu_bench').read_bytes() == b''
+
+
+def test_every_source_file_names_its_licence():
+    folders = ('imu_bench', 'msg_conversions', 'test', 'benchmarks', 'launch')
+    files = [path for folder in folders for path in (ROOT / folder).rglob('*.py')]
+    assert files
+    missing = [
+        path.relative_to(ROOT)
+        for path in files
+        if not path.read_text(encoding='utf-8').startswith('# SPDX-License-Identifier: Apache-2.0')
+    ]
+    assert not missing
