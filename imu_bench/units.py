@@ -51,6 +51,7 @@ def _dimensions() -> dict[str, dict[str, float]]:
         | {'m/s/√s': 1.0, 'm/s/√h': 1.0 / root_hour},
         'angular velocity density': {f'{unit}/√Hz': f for unit, f in _RATE.items()}
         | {'rad/√s': 1.0, '°/√s': DEGREE, '°/√h': DEGREE / root_hour},
+        'magnetic field density': {'T/√Hz': 1.0, 'µT/√Hz': 1e-6, 'mG/√Hz': 1e-3 * GAUSS},
         # K: rate random walk
         'acceleration walk': {
             'm/s³/√Hz': 1.0,

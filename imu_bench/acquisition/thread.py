@@ -1,0 +1,351 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One thread per sensor: it reads on time, counts what goes wrong, and brings the sensor back."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+import threading
+from typing import Protocol
+
+from imu_bench.acquisition.stats import AcquisitionStats, error_of
+from imu_bench.acquisition.streams import CountedStream, PolledStream, quantities
+from imu_bench.bus.interface import Clock
+from imu_bench.errors import BenchError, NotReady
+from imu_bench.samples import Samples
+
+CAPACITY_S = 10.0
+"""Default length of the queue: a consumer may be away for this long."""
+
+RETRIES = 3
+"""So many readings may fail in a row before the sensor is brought up again."""
+
+FIRST_BACKOFF_S = 0.05
+LONGEST_BACKOFF_S = 0.4
+"""Pause between attempts to bring a sensor up: short enough to be back within 2 s."""
+
+SILENCE_S = 0.5
+"""A sensor that answers and delivers nothing for this long has lost its configuration."""
+
+GOLDEN = 0.6180339887498949
+"""Fractional part of the golden ratio: its multiples fill an interval evenly (Weyl)."""
+
+
+class Device(Protocol):
+    """What acquisition needs of a driver."""
+
+    counters: Counter[str]
+    continuity: int
+
+    @property
+    def rate_hz(self) -> float: ...
+    @property
+    def rates_hz(self) -> Mapping[str, float]: ...
+    @property
+    def poll_period_s(self) -> float: ...
+    def identify(self) -> str: ...
+    def configure(self) -> None: ...
+    def start(self) -> None: ...
+    def stop(self) -> None: ...
+    def close(self) -> None: ...
+    def read(self) -> list[Samples]: ...
+
+
+class Acquisition:
+    """
+    Read a sensor from a thread of its own, into a bounded queue.
+
+    The bus thread never waits for a consumer: what does not fit into the queue
+    is dropped and counted as lost.  An error never ends the acquisition; it is
+    counted and shown, and the sensor is brought up again until it works.
+
+    Parameters
+    ----------
+    driver : Device
+        A driver on its bus.
+    clock : Clock
+        The time in which it lives; with a simulated one use `advance`.
+    capacity_samples : int, optional
+        Length of the queue; `CAPACITY_S` of samples by default.
+    on_data : callable, optional
+        Called from the thread whenever there is something to drain.
+    name : str
+        Of the thread and in error texts.
+
+    Attributes
+    ----------
+    error : BenchError or None
+        What is wrong now.
+    """
+
+    def __init__(
+        self,
+        driver: Device,
+        clock: Clock,
+        *,
+        capacity_samples: int | None = None,
+        on_data: Callable[[], None] | None = None,
+        name: str = 'sensor',
+    ) -> None:
+        self.name = name
+        self.on_data = on_data
+        self.error: BenchError | None = None
+        self._driver = driver
+        self._clock = clock
+        self._capacity = capacity_samples or max(64, round(CAPACITY_S * driver.rate_hz))
+        self._lock = threading.Lock()
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._queue: deque[Samples] = deque()
+        self._queued = 0
+        self._counts: Counter[str] = Counter()
+        self._main = CountedStream(driver.rate_hz)
+        self._beside: dict[tuple[str, ...], PolledStream] = {}
+        self._state = 'stopped'
+        self._part = ''
+        self._ready = False
+        self._failures_in_row = 0
+        self._backoff_s = FIRST_BACKOFF_S
+        self._continuity = 0
+        self._heard_ns = 0
+        self._base_ns = 0
+        self._due_ns = 0
+        self._turn = 0
+
+    def prepare(self) -> str:
+        """
+        Check who answers and configure it, in the caller's thread; return the part's name.
+
+        Not needed before `start`, which does the same and keeps trying: this
+        is for those who want to refuse a sensor that is not there.
+
+        Raises
+        ------
+        BenchError
+            If the sensor does not answer, or is another one.
+        """
+        self._part = self._driver.identify()
+        self._driver.configure()
+        self._ready = True
+        return self._part
+
+    def start(self) -> None:
+        """
+        Start the thread; errors show in `error` and `stats`, not here.
+
+        Raises
+        ------
+        NotReady
+            If it runs already.
+        """
+        if self._thread is not None:
+            raise NotReady(f'{self.name}: acquisition runs already; stop it first')
+        self._stopping.clear()
+        self._thread = threading.Thread(target=self._run, name=f'acquire-{self.name}', daemon=True)
+        self._thread.start()
+
+    def stop(self, timeout_s: float = 5.0) -> None:
+        """
+        Stop thread and stream; what was read stays to be drained.
+
+        Raises
+        ------
+        NotReady
+            If the thread does not end in time; a transfer on the bus hangs then.
+        """
+        if self._thread is None:
+            return
+        self._stopping.set()
+        self._thread.join(timeout_s)
+        if self._thread.is_alive():
+            raise NotReady(
+                f'{self.name}: the bus has not answered for {timeout_s:g} s; '
+                'check the wiring, then end the process'
+            )
+        self._thread = None
+
+    def close(self) -> None:
+        """Stop, and release the bus."""
+        self.stop()
+        self._driver.close()
+
+    def drain(self) -> list[Samples]:
+        """Return everything that waits, oldest first; stamps rise within each stream."""
+        with self._lock:
+            waiting, self._queued = list(self._queue), 0
+            self._queue.clear()
+        return waiting
+
+    @property
+    def stats(self) -> AcquisitionStats:
+        """A picture of now; may be taken from any thread."""
+        with self._lock:
+            model, meter = self._main.model, self._main.meter
+            rate = model.rate()
+            return AcquisitionStats(
+                state=self._state,
+                error='' if self.error is None else str(self.error),
+                part=self._part,
+                nominal_hz=model.nominal_hz,
+                rate=rate,
+                rate_error=error_of(rate, model.nominal_hz),
+                delivered=meter.delivered(),
+                jitter=meter.jitter(),
+                samples=self._counts['samples'],
+                lost=self._counts['lost'] + model.missing + self._counts['dropped'],
+                dropped=self._counts['dropped'],
+                bus_errors=self._driver.counters['bus_errors'],
+                failures=self._counts['failures'],
+                recoveries=self._counts['recoveries'],
+                late=self._counts['late'],
+                queued=self._queued,
+                counters=dict(self._driver.counters),
+            )
+
+    def step(self) -> int:
+        """
+        Do what is due now; return when to come back, in ns of the clock.
+
+        The thread does nothing but this.  Tests and simulations call it themselves.
+        """
+        try:
+            if self._state == 'running':
+                self._read()
+            else:
+                self._bring_up()
+        except BenchError as error:
+            return self._failed(error)
+        return self._next_due()
+
+    def advance(self, until_ns: int) -> None:
+        """Run in the caller's thread until a time of a simulated clock."""
+        if self._state == 'stopped':
+            self._begin()
+        while self._due_ns <= until_ns:
+            self._clock.sleep_until(self._due_ns)
+            self._due_ns = self.step()
+        self._clock.sleep_until(until_ns)
+
+    def finish(self) -> None:
+        """End the stream in the caller's thread; hand over what was held back."""
+        if self._state == 'running':
+            try:
+                self._driver.stop()
+            except BenchError as error:
+                self._counts['failures'] += 1
+                self.error = error
+        with self._lock:
+            self._enqueue(self._main.flush())
+            self._state = 'stopped'
+            waiting = self._queued > 0
+        if waiting and self.on_data is not None:
+            self.on_data()
+
+    def _run(self) -> None:
+        self._begin()
+        try:
+            while not self._stopping.is_set():
+                due_ns = self.step()
+                self._clock.sleep_until(due_ns)
+        finally:
+            self.finish()
+
+    def _begin(self) -> None:
+        """Leave 'stopped': from the next step on the sensor is brought up."""
+        with self._lock:
+            # what passed while nobody wanted data is not lost
+            self._counts['lost'] += self._main.model.missing
+            self._main = CountedStream(self._driver.rate_hz)
+        self._state = 'starting'
+        self._due_ns = self._clock.now_ns()
+
+    def _bring_up(self) -> None:
+        """Identify, configure and start the sensor."""
+        if not self._ready:
+            self.prepare()
+        self._ready = False
+        self._driver.start()
+        with self._lock:
+            self._counts['recoveries'] += self._state == 'recovering'
+            self._enqueue(self._main.interrupt())
+            self._state = 'running'
+            self.error = None
+        self._failures_in_row = 0
+        self._backoff_s = FIRST_BACKOFF_S
+        self._continuity = self._driver.continuity
+        self._heard_ns = self._base_ns = self._clock.now_ns()
+        self._turn = 0
+
+    def _read(self) -> None:
+        runs = self._driver.read()
+        self._failures_in_row = 0
+        with self._lock:
+            self.error = None
+            if self._driver.continuity != self._continuity:
+                self._continuity = self._driver.continuity
+                self._enqueue(self._main.interrupt())
+            for run in runs:
+                self._enqueue(self._stream(run).push(run))
+            waiting = self._queued > 0
+        if waiting and self.on_data is not None:
+            self.on_data()
+        self._listen(any(len(run) for run in runs))
+
+    def _stream(self, run: Samples) -> CountedStream | PolledStream:
+        kind = quantities(run)
+        if not any(quantity in self._driver.rates_hz for quantity in kind):
+            return self._main
+        return self._beside.setdefault(kind, PolledStream())
+
+    def _listen(self, heard: bool) -> None:
+        """Notice a chip that answers and yet delivers nothing: it was reset behind our back."""
+        now = self._clock.now_ns()
+        if heard:
+            self._heard_ns = now
+        patience_s = max(SILENCE_S, 10 / self._driver.rate_hz, 5 * self._driver.poll_period_s)
+        if now - self._heard_ns > patience_s * 1e9:
+            self._failures_in_row = RETRIES
+            raise NotReady(
+                f'{self.name}: no samples for {patience_s:g} s although the chip answers; '
+                'configuring it again'
+            )
+
+    def _enqueue(self, runs: list[Samples]) -> None:
+        for run in runs:
+            if self._queued + len(run) > self._capacity:
+                self._counts['dropped'] += len(run)
+                continue
+            if quantities(run) not in self._beside:
+                self._counts['samples'] += len(run)
+            self._queue.append(run)
+            self._queued += len(run)
+
+    def _failed(self, error: BenchError) -> int:
+        """Count an error; read again, or bring the sensor up again after a pause."""
+        with self._lock:
+            self.error = error
+            self._counts['failures'] += 1
+            self._failures_in_row += 1
+            if self._state == 'running':
+                if self._failures_in_row < RETRIES:
+                    return self._next_due()
+                self._state = 'recovering'
+        pause_s, self._backoff_s = self._backoff_s, min(2 * self._backoff_s, LONGEST_BACKOFF_S)
+        return self._clock.now_ns() + round(pause_s * 1e9)
+
+    def _next_due(self) -> int:
+        """
+        Return the next deadline: regular, but for a shift within one sample period.
+
+        Reading in step with the chip would show the clock model the same phase
+        over and over; shifts by multiples of the golden ratio show it every
+        phase, so that some reading soon comes right after a sample.
+        """
+        now = self._clock.now_ns()
+        poll = self._driver.poll_period_s * 1e9
+        reach = min(1e9 / self._driver.rate_hz, 0.5 * poll)
+        self._turn += 1
+        if self._base_ns + (self._turn + 1) * poll < now:
+            self._counts['late'] += 1
+            self._turn = int((now - self._base_ns) // poll) + 1
+        return self._base_ns + round(self._turn * poll + self._turn * GOLDEN % 1.0 * reach)

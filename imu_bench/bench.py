@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where everything is put together: from a configuration to a sensor that delivers.
+
+Nothing below this floor knows whether a sensor is real; nothing above it has to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from imu_bench import config, drivers
+from imu_bench.acquisition import Acquisition, Device
+from imu_bench.bus.clock import SystemClock
+from imu_bench.bus.interface import Clock
+from imu_bench.bus.opening import kind_of, open_bus
+from imu_bench.config import BenchConfig, SensorConfig
+from imu_bench.config.schema import Checkable
+from imu_bench.errors import ConfigError
+
+GENERIC = 'generic'
+"""Name of the driver that stands in for a sensor that has none yet."""
+
+POWER_UP_S = 0.05
+
+
+def driver_names() -> list[str]:
+    """
+    Return everything a sensor's `driver` may be.
+
+    Examples
+    --------
+    >>> 'generic' in driver_names()
+    True
+    """
+    return sorted([*drivers.names(), GENERIC])
+
+
+def settings_of(driver: str) -> Iterable[Checkable]:
+    """
+    Return the settings of a driver.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such driver, with the names there are.
+    """
+    if driver == GENERIC:
+        from imu_bench.simulation import generic
+
+        return generic.SETTINGS
+    if driver not in drivers.names():
+        hint = config.suggestion(driver, driver_names())
+        raise ConfigError(f'no driver {driver!r}; {hint}')
+    return drivers.load(driver).settings
+
+
+def load_sensor(
+    path: str | Path, *, name: str = '', overrides: Mapping[str, Any] | None = None
+) -> SensorConfig:
+    """
+    Return the sensor of a file, checked against the settings of its driver.
+
+    Raises
+    ------
+    ConfigError
+        With every problem of the file, one line each.
+    """
+    return config.load_sensor(path, name=name, overrides=overrides, settings_of=settings_of)
+
+
+def load_bench(path: str | Path) -> BenchConfig:
+    """
+    Return the bench of a file with its sensors, checked against the settings of their drivers.
+
+    Raises
+    ------
+    ConfigError
+        With every problem of all files, one line each.
+    """
+    return config.load_bench(path, settings_of=settings_of)
+
+
+def label(sensor: SensorConfig) -> str:
+    """
+    Return what stands behind a sensor, for logs and the hardware id of diagnostics.
+
+    Examples
+    --------
+    >>> label(SensorConfig('left', 'mpu9250', 'emulated'))
+    'emulated mpu9250'
+    >>> label(SensorConfig('left', 'mpu9250', 'hardware', bus='i2c-1', address=0x69))
+    'hardware mpu9250 i2c-1 0x69'
+    """
+    address = '' if sensor.address is None else f'0x{sensor.address:02X}'
+    place = (sensor.bus, address) if sensor.backend == 'hardware' else ()
+    return ' '.join(filter(None, (sensor.backend, sensor.driver, *place)))
+
+
+def build(
+    sensor: SensorConfig,
+    clock: Clock | None = None,
+    *,
+    capacity_samples: int | None = None,
+    on_data: Callable[[], None] | None = None,
+) -> Acquisition:
+    """
+    Return the acquisition of a sensor, not started yet.
+
+    Parameters
+    ----------
+    sensor : SensorConfig
+    clock : Clock, optional
+        The computer's own by default.
+    capacity_samples, on_data
+        As in `imu_bench.acquisition.Acquisition`.
+
+    Raises
+    ------
+    ConfigError
+        If driver, settings and backend do not go together.
+    BusError
+        If the bus of a hardware sensor cannot be opened.
+    """
+    clock = clock or SystemClock()
+    make = _BACKENDS[sensor.backend]
+    return Acquisition(
+        make(sensor, clock),
+        clock,
+        capacity_samples=capacity_samples,
+        on_data=on_data,
+        name=sensor.name,
+    )
+
+
+def _hardware(sensor: SensorConfig, clock: Clock) -> Device:
+    if sensor.driver == GENERIC:
+        raise ConfigError(
+            f'{sensor.source}.backend: a generic source has no hardware; allowed: emulated'
+        )
+    driver = drivers.load(sensor.driver)
+    buses = open_bus(sensor.bus, driver.wiring, driver.bus_kinds, sensor.address)
+    return driver(buses, clock, sensor.settings)
+
+
+def _emulated(sensor: SensorConfig, clock: Clock) -> Device:
+    # late: real sensors start without the libraries that simulation needs
+    from imu_bench import emulators
+    from imu_bench.simulation import generic
+    from imu_bench.simulation.world import sensor_source
+
+    if sensor.driver == GENERIC:
+        source = sensor_source(sensor, {}, sensor.settings['rate_hz'], clock.now_ns())
+        return generic.GenericSensor(source, clock, sensor.settings)
+    driver = drivers.load(sensor.driver)
+    kinds = driver.bus_kinds
+    kind = sensor.bus if sensor.bus in ('', *kinds) else kind_of(sensor.bus)
+    # the emulated chip restarts the source at the rate its registers ask for
+    source = sensor_source(sensor, driver.typical, 1.0, clock.now_ns())
+    buses = emulators.create(sensor.driver, kind or kinds[0], source, clock)
+    # the emulated chip is switched on here, a real one was long ago
+    clock.sleep(POWER_UP_S)
+    return driver(buses, clock, sensor.settings)
+
+
+def _recorded(sensor: SensorConfig, clock: Clock) -> Device:
+    raise ConfigError(
+        f'{sensor.source}.backend: recorded sensors cannot be played back; '
+        'allowed: hardware, emulated'
+    )
+
+
+_BACKENDS = {'hardware': _hardware, 'emulated': _emulated, 'recorded': _recorded}

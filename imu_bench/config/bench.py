@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bench: its sensors, and how they are analysed and recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from imu_bench.config.files import PARAMETERS, read_parameters, read_yaml
+from imu_bench.config.schema import check_all, flatten, raise_if_any, REQUIRED, Setting
+from imu_bench.config.sensor import load_sensor, SensorConfig, SettingsOf
+from imu_bench.errors import ConfigError
+
+ANALYSIS_SETTINGS = (
+    Setting('window_s', 600.0, 'Length of the sliding window.', bounds=(1.0, 86400.0), unit='s'),
+    Setting('confidence', 0.95, 'Confidence level of every interval.', bounds=(0.5, 0.999)),
+)
+"""What the analysis of a bench may set; the node's file has the same names."""
+
+RECORDER_SETTINGS = (
+    Setting('storage', 'mcap', 'Format of the bag.', allowed=('mcap', 'sqlite3')),
+)
+"""What the recording of a bench may set."""
+
+_BENCH = (
+    Setting('name', REQUIRED, 'Short name of the bench.'),
+    Setting('title', '', 'What the bench is, in one line.'),
+)
+_ENTRY = (
+    Setting('file', REQUIRED, "The sensor's file, relative to the bench's."),
+    Setting('name', '', "Name of the sensor; the file's by default."),
+)
+
+
+@dataclass(frozen=True)
+class AnalysisConfig:
+    """How the bench is analysed; see `ANALYSIS_SETTINGS`."""
+
+    window_s: float = 600.0
+    confidence: float = 0.95
+
+
+@dataclass(frozen=True)
+class RecorderConfig:
+    """How the bench is recorded; see `RECORDER_SETTINGS`."""
+
+    storage: str = 'mcap'
+
+
+@dataclass(frozen=True)
+class BenchConfig:
+    """
+    A bench, checked.
+
+    Attributes
+    ----------
+    name, title : str
+    sensors : tuple of SensorConfig
+        In the order of the file, with different names.
+    files : mapping of str to Path
+        Per sensor its parameter file.
+    overrides : mapping of str to mapping
+        Per sensor what the bench sets differently, with dotted names.
+    analysis : AnalysisConfig
+    recorder : RecorderConfig
+    """
+
+    name: str
+    title: str = ''
+    sensors: tuple[SensorConfig, ...] = ()
+    files: Mapping[str, Path] = field(default_factory=dict)
+    overrides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    analysis: AnalysisConfig = AnalysisConfig()
+    recorder: RecorderConfig = RecorderConfig()
+
+
+def load_analysis(path: str | Path) -> AnalysisConfig:
+    """
+    Return how to analyse, from the parameter file of the analysis node.
+
+    Parameters of the node that are not about the analysis itself are left to the node.
+
+    Raises
+    ------
+    ConfigError
+        With every problem of the file, one line each.
+    """
+    path = Path(path)
+    names = {setting.name for setting in ANALYSIS_SETTINGS}
+    given = {key: value for key, value in flatten(read_parameters(path)) if key in names}
+    problems: list[str] = []
+    values = check_all(given, ANALYSIS_SETTINGS, f'{path}: {PARAMETERS}', problems)
+    raise_if_any(problems)
+    return AnalysisConfig(**values)
+
+
+def load_bench(path: str | Path, *, settings_of: SettingsOf | None = None) -> BenchConfig:
+    """
+    Return the bench that a YAML file describes, with all its sensors.
+
+    Parameters
+    ----------
+    path : str or Path
+    settings_of : callable, optional
+        As in `imu_bench.config.load_sensor`.
+
+    Raises
+    ------
+    ConfigError
+        With every problem of the bench's and the sensors' files, one line each.
+    """
+    path = Path(path)
+    document = read_yaml(path)
+    problems: list[str] = []
+    entries = document.pop('sensors', None)
+    sections = {
+        'analysis': _section(document, 'analysis', ANALYSIS_SETTINGS, path, problems),
+        'recorder': _section(document, 'recorder', RECORDER_SETTINGS, path, problems),
+    }
+    top = check_all(dict(flatten(document)), _BENCH, f'{path}: bench', problems)
+    sensors, files, overrides = [], {}, {}
+    if not isinstance(entries, list) or not entries:
+        problems.append(f"{path}: sensors: missing; give a list of entries like '- file: x.yaml'")
+        entries = []
+    for index, entry in enumerate(entries):
+        where = f'{path}: sensors[{index}]'
+        sensor = _sensor(entry, where, path.parent, settings_of, problems)
+        if sensor is None:
+            continue
+        if sensor.name in files:
+            problems.append(f'{where}.name: {sensor.name!r} is there already; give another name')
+        sensors.append(sensor)
+        files[sensor.name] = path.parent / entry['file']
+        overrides[sensor.name] = dict(flatten(entry.get('overrides') or {}))
+    raise_if_any(problems)
+    return BenchConfig(
+        name=top['name'],
+        title=top['title'],
+        sensors=tuple(sensors),
+        files=files,
+        overrides=overrides,
+        analysis=AnalysisConfig(**sections['analysis']),
+        recorder=RecorderConfig(**sections['recorder']),
+    )
+
+
+def _section(
+    document: dict[Any, Any],
+    name: str,
+    settings: tuple[Setting, ...],
+    path: Path,
+    problems: list[str],
+) -> dict[str, Any]:
+    given = document.pop(name, None) or {}
+    if not isinstance(given, Mapping):
+        problems.append(f'{path}: {name}: {given!r} is no mapping of settings')
+        given = {}
+    return check_all(dict(flatten(given)), settings, f'{path}: {name}', problems)
+
+
+def _sensor(
+    entry: object, where: str, folder: Path, settings_of: SettingsOf | None, problems: list[str]
+) -> SensorConfig | None:
+    if not isinstance(entry, Mapping):
+        problems.append(f"{where}: {entry!r} is no entry like '- file: x.yaml'")
+        return None
+    overrides = entry.get('overrides') or {}
+    if not isinstance(overrides, Mapping):
+        problems.append(f'{where}.overrides: {overrides!r} is no mapping of settings')
+        return None
+    own = {key: value for key, value in entry.items() if key != 'overrides'}
+    before = len(problems)
+    values = check_all(own, _ENTRY, where, problems)
+    if len(problems) > before:
+        return None
+    try:
+        return load_sensor(
+            folder / values['file'],
+            name=values['name'],
+            overrides=overrides,
+            settings_of=settings_of,
+        )
+    except ConfigError as error:
+        problems.extend(str(error).splitlines())
+        return None

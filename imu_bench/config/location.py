@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the configuration files of the package lie: beside the source, or installed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+import sys
+
+from imu_bench.errors import ConfigError
+
+
+def config_file(name: str) -> Path:
+    """
+    Return a file of the package's `config` folder, or a user's own file.
+
+    Parameters
+    ----------
+    name : str
+        A path that exists, or one below `config`, such as 'benches/machine_vibration.yaml'.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file; the text lists what is there.
+
+    Examples
+    --------
+    >>> config_file('benches/machine_vibration.yaml').name
+    'machine_vibration.yaml'
+    """
+    own = Path(name)
+    if own.is_file():
+        return own
+    for folder in _folders():
+        if (folder / name).is_file():
+            return folder / name
+    kin = sorted(path.name for folder in _folders() for path in (folder / own.parent).glob('*'))
+    there = ', '.join(dict.fromkeys(kin)) or 'nothing'
+    raise ConfigError(f'{name}: no such file, here or among the package files ({there})')
+
+
+def _folders() -> Iterator[Path]:
+    """Yield `config` of a checkout, then of the install prefixes above this file."""
+    package = Path(__file__).resolve().parent.parent
+    if (package.parent / 'package.xml').is_file():
+        yield package.parent / 'config'
+    for prefix in (*package.parents, Path(sys.prefix)):
+        yield prefix / 'share' / 'imu_bench' / 'config'

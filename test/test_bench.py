@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a configuration to a sensor that delivers, on simulated and on real time."""
+
+from pathlib import Path
+import threading
+
+from imu_bench import bench
+from imu_bench.config import sensor_from_parameters
+from imu_bench.errors import BusError, ConfigError
+from imu_bench.simulation.clock import SimulatedClock
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SENSORS = sorted((ROOT / 'config' / 'sensors').glob('*.yaml'))
+SECOND = 1_000_000_000
+
+
+def config_of(**parameters):
+    parameters = {'driver': 'generic', 'backend': 'emulated', **parameters}
+    return sensor_from_parameters('mine', parameters, settings_of=bench.settings_of)
+
+
+def generic(**simulation):
+    return config_of(
+        rate_hz=100.0, simulation={'acceleration': {'noise_density': '100 µg/√Hz'}, **simulation}
+    )
+
+
+def run(sensor, seconds):
+    """Return what a sensor delivers in simulated time, and how it went."""
+    clock = SimulatedClock()
+    acquisition = bench.build(sensor, clock)
+    runs = []
+    for _ in range(round(seconds * 2)):
+        acquisition.advance(clock.now_ns() + SECOND // 2)
+        runs += acquisition.drain()
+    acquisition.finish()
+    runs += acquisition.drain()
+    stats = acquisition.stats
+    acquisition.close()
+    return [part for part in runs if part.acceleration is not None], stats
+
+
+@pytest.mark.parametrize('path', SENSORS, ids=lambda path: path.stem)
+def test_every_shipped_sensor_delivers_every_sample_with_its_noise_and_its_rate(path):
+    sensor = bench.load_sensor(path)
+    runs, stats = run(sensor, 12)
+    assert (stats.lost, stats.failures, stats.bus_errors, stats.error) == (0, 0, 0, '')
+    true_hz = sensor.settings['rate_hz'] * (1 + sensor.simulation['rate_error'][0])
+    assert stats.rate.value == pytest.approx(true_hz, rel=1e-4)
+    stamps = np.concatenate([part.stamps for part in runs])
+    intervals = np.diff(stamps)
+    assert intervals.std() < 20e3
+    assert intervals.mean() == pytest.approx(1e9 / true_hz, rel=1e-3)
+    z = np.concatenate([part.acceleration for part in runs])[:, 2]
+    given = sensor.simulation
+    if 'acceleration.noise_density' in given:
+        sigma = given['acceleration.noise_density'][-1] * np.sqrt(true_hz / 2)
+        lsb = given.get('acceleration.resolution', (0.0,))[-1]
+        white = np.diff(z).std() / np.sqrt(2)
+        assert white == pytest.approx(np.hypot(sigma, lsb / np.sqrt(12)), rel=0.1)
+    assert z.mean() == pytest.approx(0.0 if 'acceleration.high_pass' in given else 9.8, abs=1.0)
+
+
+def test_the_piezo_channel_has_one_axis_and_no_gyroscope():
+    runs, _ = run(bench.load_sensor(ROOT / 'config' / 'sensors' / 'mtn1100.yaml'), 2)
+    assert np.isnan(runs[0].acceleration[:, :2]).all()
+    assert np.isfinite(runs[0].acceleration[:, 2]).all()
+    assert runs[0].angular_velocity is None
+
+
+def test_the_same_seed_gives_the_same_data_and_names_give_different_ones():
+    def data(sensor):
+        return np.concatenate([part.acceleration for part in run(sensor, 2)[0]])
+
+    first = data(generic(seed=3))
+    np.testing.assert_array_equal(first, data(generic(seed=3)))
+    assert not np.array_equal(first, data(generic(seed=4)))
+    other = sensor_from_parameters(
+        'other',
+        {
+            'driver': 'generic',
+            'backend': 'emulated',
+            'rate_hz': 100.0,
+            'simulation.seed': 3,
+            'simulation.acceleration.noise_density': '100 µg/√Hz',
+        },
+        settings_of=bench.settings_of,
+    )
+    correlation = np.corrcoef(first[:, 0], data(other)[:, 0])[0, 1]
+    assert abs(correlation) < 0.25
+
+
+def test_a_sine_arrives_as_it_was_asked_for():
+    sensor = generic(
+        scenario='sine', sine={'axis': 'x', 'amplitude': '2 m/s²', 'frequency': '5 Hz'}
+    )
+    runs, _ = run(sensor, 6)
+    x = np.concatenate([part.acceleration for part in runs])[100:500, 0]
+    amplitude = 2 / 400 * abs(np.exp(-2j * np.pi * 5 * np.arange(400) / 100.0) @ x)
+    assert amplitude == pytest.approx(2.0, rel=0.01)
+
+
+def test_typical_values_are_replaced_by_those_given():
+    quiet = config_of(
+        driver='mpu9250',
+        simulation={'acceleration': {'noise_density': '0 µg/√Hz', 'bias': '0 mg'}},
+    )
+    runs, _ = run(quiet, 2)
+    x = np.concatenate([part.acceleration for part in runs])[:, 0]
+    assert x.std() < 9.80665 / 2048
+    assert abs(x.mean()) < 9.80665 / 2048
+
+
+def test_live_on_the_computers_clock_and_stopped():
+    heard = threading.Event()
+    acquisition = bench.build(generic(), on_data=heard.set)
+    acquisition.start()
+    try:
+        assert heard.wait(30.0)
+    finally:
+        acquisition.close()
+    (first, *_) = acquisition.drain()
+    assert len(first)
+    assert acquisition.stats.state == 'stopped'
+
+
+def test_a_generic_source_has_no_hardware_and_says_so():
+    sensor = config_of(backend='hardware', bus='i2c-1', rate_hz=100.0)
+    with pytest.raises(ConfigError, match=r'backend: a generic source has no hardware'):
+        bench.build(sensor)
+
+
+def test_a_recorded_backend_names_what_is_available():
+    with pytest.raises(ConfigError, match='allowed: hardware, emulated'):
+        bench.build(config_of(backend='recorded', rate_hz=100.0))
+
+
+def test_a_generic_source_that_measures_nothing_says_what_to_give():
+    with pytest.raises(ConfigError, match=r'simulation\.acceleration\.noise_density'):
+        bench.build(config_of(rate_hz=100.0))
+
+
+def test_hardware_that_is_not_there_is_a_bus_error_with_the_device():
+    sensor = config_of(driver='mpu9250', backend='hardware', bus='/dev/i2c-250')
+    with pytest.raises(BusError, match='/dev/i2c-250'):
+        bench.build(sensor)
+
+
+@pytest.mark.parametrize(('bus', 'kind'), [('', 'i2c'), ('i2c-1', 'i2c'), ('spi', 'spi')])
+def test_an_emulated_chip_is_on_the_bus_the_file_names(bus, kind):
+    acquisition = bench.build(config_of(driver='mpu9250', bus=bus), SimulatedClock())
+    assert acquisition.prepare() == 'MPU-9250'
+    assert kind in acquisition._driver._wires[''].name
+
+
+def test_the_label_says_what_stands_behind_a_sensor():
+    assert bench.label(generic()) == 'emulated generic'
