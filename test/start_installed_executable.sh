@@ -14,7 +14,7 @@ trap 'rm -f "$log"' EXIT
 "$prefix/lib/imu_bench/mpu9250_node" --ros-args \
     --params-file "$prefix/share/imu_bench/config/sensors/mpu9250.yaml" >"$log" 2>&1 &
 node=$!
-(tail --follow --pid=$node --lines=+1 "$log" &) | timeout 60 grep --quiet --max-count=1 publishing || {
+(tail --follow --pid=$node --lines=+1 "$log" &) | timeout 60 grep --quiet --max-count=1 'MPU-9250, emulated' || {
     cat "$log"
     echo 'the installed mpu9250_node did not come up' >&2
     kill $node

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the operating system's errno to an error that says where, what, and what to do."""
+
+from __future__ import annotations
+
+import errno
+from importlib import import_module
+from types import ModuleType
+
+from imu_bench.errors import BusBusy, BusError, ConfigError, NoAnswer, PermissionDenied
+
+_KINDS: dict[int, tuple[type[BusError], str]] = {
+    # a missing acknowledge: ENXIO by the kernel's fault-codes document, EREMOTEIO and EIO by
+    # controllers that do not follow it (Raspberry Pi: EREMOTEIO)
+    errno.ENXIO: (NoAnswer, 'nothing answers; check power, wiring and address'),
+    errno.EREMOTEIO: (NoAnswer, 'nothing answers; check power, wiring and address'),
+    errno.EIO: (NoAnswer, 'the transfer broke off; check power, wiring and address'),
+    errno.ENODEV: (NoAnswer, 'the device is gone; check the plug'),
+    errno.EAGAIN: (BusBusy, 'another master won the bus; try again'),
+    errno.EBUSY: (BusBusy, 'somebody else holds it; stop the other program or kernel driver'),
+    errno.ETIMEDOUT: (
+        BusBusy,
+        'a line is stuck or the clock stretched too long; check pull-ups, power, lower the speed',
+    ),
+    errno.EACCES: (PermissionDenied, ''),
+    errno.EPERM: (PermissionDenied, ''),
+    errno.ENOENT: (BusError, ''),
+}
+
+
+def translate(error: OSError, where: str, *, group: str, enable: str) -> BusError:
+    """
+    Return the bus error for an error of the operating system.
+
+    Parameters
+    ----------
+    error : OSError
+    where : str
+        Device and address.
+    group : str
+        Unix group whose members may open the device.
+    enable : str
+        How the device file comes into being when it is not there.
+
+    Examples
+    --------
+    >>> import errno
+    >>> problem = OSError(errno.EREMOTEIO, 'Remote I/O error')
+    >>> print(translate(problem, '/dev/i2c-1 0x68', group='i2c', enable=''))
+    /dev/i2c-1 0x68: nothing answers; check power, wiring and address (Remote I/O error)
+    """
+    kind, advice = _KINDS.get(error.errno or 0, (BusError, 'the transfer failed'))
+    if kind is PermissionDenied:
+        advice = f'this user may not open it; "sudo usermod -aG {group} $USER", then log in again'
+    elif error.errno == errno.ENOENT:
+        advice = f'there is no such device; {enable}'
+    return kind(f'{where}: {advice} ({error.strerror or error})')
+
+
+def hardware_library(module: str, package: str) -> ModuleType:
+    """
+    Return a hardware library, imported when a device is opened and not before.
+
+    Raises
+    ------
+    ConfigError
+        If it is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise ConfigError(
+            f'{package} is needed to open this bus and cannot be imported ({error}); '
+            f'"pip install {package}"'
+        ) from error

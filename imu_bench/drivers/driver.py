@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What every sensor driver is made of.
+
+A sensor file declares, in this order: document, identity, register map, fields, channels,
+sequences, typical values, witnesses; then the little code that reads its stream.  Everything
+else (parameters, their descriptors, YAML validation, the README row, the emulator, the
+conformance test) comes from these declarations.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from imu_bench.bus.counting import CountingBus
+from imu_bench.bus.interface import ByteStream, Clock, FrameBus, RegisterBus
+from imu_bench.bus.register_access import Registers
+from imu_bench.bus.wiring import Wiring
+from imu_bench.config.schema import check_all, raise_if_any, Setting
+from imu_bench.errors import IdentityError, NoAnswer
+from imu_bench.registers import (
+    Field,
+    Identity,
+    RegisterMap,
+    Sequence,
+    Typical,
+    Value,
+    Witness,
+)
+from imu_bench.samples import Samples
+
+__all__ = ['Bus', 'Driver', 'Identity', 'Setting', 'Typical', 'Witness', 'choice']
+
+Bus = RegisterBus | FrameBus | ByteStream
+
+
+def choice(name: str, field: Field, default: Value, description: str) -> Setting:
+    """
+    Return the setting whose values are those of a register field.
+
+    With the name of the field's own attribute, `configure` writes it to the field.
+
+    Examples
+    --------
+    >>> from imu_bench.registers import Codes, Register
+    >>> scale = Field(Register(0x10), (4, 3), Codes({2.0: 0, 16.0: 1}), unit='g')
+    >>> choice('accelerometer_range', scale, 16.0, 'Full scale.').allowed
+    (2.0, 16.0)
+    """
+    return Setting(name, default, description, field.allowed, unit=field.unit)
+
+
+class Driver(RegisterMap, ABC):
+    """
+    Base of every sensor driver.
+
+    Parameters
+    ----------
+    bus : RegisterBus, FrameBus or ByteStream, or a mapping of part name to one
+        A sensor with one die takes its bus alone.
+    clock : Clock
+        The only way a driver knows the time or waits.
+    settings : mapping
+        Values by the names of `settings`; the rest keep their defaults.
+
+    Raises
+    ------
+    ConfigError
+        Every setting that is unknown or not allowed, at once.  No bus is touched.
+
+    Attributes
+    ----------
+    values : dict
+        Every setting.
+    counters : Counter
+        What happened, by the names in `counter_names`; all of them are there from the start.
+    configured : bool
+        The chip holds the settings, as far as is known.
+    trims : dict
+        Sensitivity corrections read from the chip, by quantity, in the order of the registers.
+    continuity : int
+        Increases whenever samples were lost between two reads (overflow, reset, restart), so
+        that the clock model starts anew and the gap is counted.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    document: ClassVar[str]
+    bus_kinds: ClassVar[tuple[str, ...]]
+    wiring: ClassVar[Mapping[str, Wiring]]
+    identities: ClassVar[tuple[Identity, ...]] = ()
+    settings: ClassVar[tuple[Setting, ...]] = ()
+    counter_names: ClassVar[tuple[str, ...]] = ()
+    reset_steps: ClassVar[Sequence] = ()
+    start_steps: ClassVar[Sequence] = ()
+    stop_steps: ClassVar[Sequence] = ()
+    typical: ClassVar[Mapping[str, Typical]] = {}
+    witnesses: ClassVar[tuple[Witness, ...]] = ()
+
+    def __init__(
+        self, bus: Bus | Mapping[str, Bus], clock: Clock, settings: Mapping[str, object]
+    ) -> None:
+        self.values = self.check_settings(settings)
+        self.clock = clock
+        self.counters: Counter[str] = Counter(
+            dict.fromkeys(('bus_errors', 'brown_outs', 'saturated', *self.counter_names), 0)
+        )
+        self.continuity = 0
+        self.configured = False
+        self.trims: dict[str, Any] = {}
+        self._wires: dict[str, Bus] = dict(bus) if isinstance(bus, Mapping) else {'': bus}
+        self.registers = Registers(
+            {
+                part: CountingBus(wire, self.counters)
+                for part, wire in self.register_buses(self._wires).items()
+            },
+            clock,
+        )
+
+    @classmethod
+    def check_settings(cls, given: Mapping[str, object]) -> dict[str, Value]:
+        """
+        Return every setting, those given and the defaults.
+
+        Raises
+        ------
+        ConfigError
+            With every problem at once.
+        """
+        problems: list[str] = []
+        values = check_all(given, cls.settings, cls.name, problems)
+        raise_if_any(problems)
+        return values
+
+    def register_buses(self, wires: Mapping[str, Any]) -> Mapping[str, RegisterBus]:
+        """
+        Return a RegisterBus for each part.
+
+        A chip on frames or a serial line puts its codec of `bus.framing` around the wire here,
+        one with banks a `BankedBus`.  One without registers returns {}, keeps the wire, and has
+        its own identify, configure, start and stop.
+        """
+        return wires
+
+    @property
+    @abstractmethod
+    def rate_hz(self) -> float:
+        """Return the nominal output data rate of the main stream."""
+
+    @property
+    @abstractmethod
+    def poll_period_s(self) -> float:
+        """Return how often `read` wants to be called, so that nothing overflows."""
+
+    @property
+    def rates_hz(self) -> Mapping[str, float]:
+        """Return the nominal rate of each quantity that has one of its own."""
+        return {}
+
+    def identify(self) -> str:
+        """
+        Return the name of the part that answers.
+
+        Raises
+        ------
+        IdentityError
+            If it is not the part this driver is for.
+        """
+        found = [self.check_identity(identity) for identity in self.identities]
+        return found[0] if found else self.title
+
+    def check_identity(self, identity: Identity) -> str:
+        """
+        Return the name of the part that answers at one identity register.
+
+        Raises
+        ------
+        NoAnswer
+            If the line is not driven: SPI has no acknowledge, it reads all zeros or ones.
+        IdentityError
+            If it is not the part expected.
+        """
+        register = identity.register
+        word = self.registers.word(register)
+        if word in identity.expected:
+            return identity.expected[word]
+        where = self._wires.get(register.part, self._wires['']).name
+        if word in (0, (1 << 8 * register.size) - 1) and word not in identity.others:
+            raise NoAnswer(f'{where}: {register} reads 0x{word:02X}: nothing drives the line')
+        expected = ' or '.join(f'0x{known:02X}' for known in identity.expected)
+        raise IdentityError(
+            f'{where}: {register} holds 0x{word:02X} '
+            f'({identity.others.get(word, "not a part this driver knows")}), expected {expected} '
+            f'for {self.title}; check address, wiring and the part itself'
+        )
+
+    def assignments(self) -> dict[Any, Value]:
+        """Return what `configure` writes: each setting with a field of its name."""
+        return {
+            field: self.values[name]
+            for name, field in self.declared(Field).items()
+            if name in self.values
+        }
+
+    def configure(self) -> None:
+        """
+        Reset the chip, check its identity, write the configuration, read it back and compare.
+
+        Raises
+        ------
+        BusError
+            If nothing answers, or a register does not hold what was written.
+        IdentityError
+            If another chip answers.
+        """
+        self.configured = False
+        self.registers.run(self.reset_steps)
+        self.identify()
+        assignments = self.assignments()
+        self.registers.write(assignments)
+        self.registers.verify(assignments)
+        self.configure_parts()
+        self.configured = True
+
+    def configure_parts(self) -> None:
+        """Configure what lies behind the main die."""
+
+    def start(self) -> None:
+        """Start the stream."""
+        self.registers.run(self.start_steps)
+        self.continuity += 1
+
+    def restart(self) -> None:
+        """
+        Start the stream again after a failure; configure first if the chip lost its settings.
+
+        A chip that was without power answers as if nothing had happened, with the wrong range.
+        """
+        if self.configured and self.registers.difference(self.assignments()):
+            self.counters['brown_outs'] += 1
+            self.configured = False
+        if not self.configured:
+            self.configure()
+        self.start()
+
+    def stop(self) -> None:
+        """Stop the stream."""
+        self.registers.run(self.stop_steps)
+
+    @abstractmethod
+    def read(self) -> list[Samples]:
+        """
+        Return everything new since the last call, one run per stream.
+
+        Stamps are a first guess: the host's time when the chip's sample count was latched,
+        minus the nominal period for each sample before it.  Acquisition corrects them.
+        """
+
+    def close(self) -> None:
+        """Release every bus."""
+        for wire in self._wires.values():
+            wire.close()

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Chips seen from the wire: the same driver runs on them as on the hardware.
+
+A sensor with behaviour of its own (FIFO, modes, pages) has a file here with the name of its
+driver and a function `create`; for any other the declared register map is run backwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any
+
+from imu_bench.bus.interface import Clock
+from imu_bench.drivers import load
+from imu_bench.emulators.line import Line, Timing
+from imu_bench.emulators.register_map import Source
+from imu_bench.errors import ConfigError
+
+TIMINGS = {'i2c': Timing.i2c, 'spi': Timing.spi, 'frame': Timing.spi, 'serial': Timing.serial}
+
+
+def create(
+    driver_name: str,
+    bus_kind: str,
+    source: Source,
+    clock: Clock,
+    *,
+    line: Line | None = None,
+    speed_hz: float | None = None,
+    **options: Any,
+) -> Mapping[str, Any]:
+    """
+    Return the emulated buses of a sensor, one for each die, to be handed to its driver.
+
+    Parameters
+    ----------
+    driver_name : str
+        As `imu_bench.drivers.names` lists it.
+    bus_kind : str
+        One of the driver's `bus_kinds`.
+    source : Source
+        What the chip samples: `imu_bench.simulation.chip.SensorSource`.
+    clock : Clock
+        The bus takes its time on this clock.
+    line : Line, optional
+        The wire, to let several sensors share one; a wire of its own by default.
+    speed_hz : float, optional
+        Clock of the wire; by default 400 kHz on I²C, 1 MHz on SPI, 115200 baud.
+    **options
+        For the chip's own emulator.
+
+    Raises
+    ------
+    ConfigError
+        If the driver is not known or does not do such a bus.
+    """
+    driver = load(driver_name)
+    if bus_kind not in driver.bus_kinds:
+        raise ConfigError(
+            f'{driver_name} cannot be on {bus_kind!r}; it can be on {", ".join(driver.bus_kinds)}'
+        )
+    if line is None:
+        timing = TIMINGS[bus_kind]
+        line = Line(clock, timing(speed_hz) if speed_hz else timing())
+    own = {module.name for module in iter_modules(__path__)}
+    module = import_module(f'{__name__}.{driver_name if driver_name in own else "generic"}')
+    name = f'emulated {driver_name} on {bus_kind}'
+    return dict(module.create(driver, bus_kind, name, source, clock, line, **options))

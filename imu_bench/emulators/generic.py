@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any sensor with registers and nothing else: its declared map, run backwards."""
+
+from __future__ import annotations
+
+from imu_bench.bus.interface import Clock
+from imu_bench.drivers.driver import Driver
+from imu_bench.emulators.line import Line
+from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
+from imu_bench.registers import Channel, Register
+from imu_bench.samples import Samples
+
+
+class _Newest:
+    """The newest sample of a source that several dies share."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._sample: Samples | None = None
+
+    def at(self, t_ns: int) -> Samples | None:
+        """Return the newest sample at a time, None before the first one."""
+        samples = self._source.samples_until(t_ns)
+        if len(samples):
+            self._sample = samples[-1:]
+        return self._sample
+
+
+class GenericChip(EmulatedChip):
+    """
+    One die whose data registers hold the newest sample, at the range they are set to.
+
+    Parameters
+    ----------
+    driver : type of Driver
+        Its declarations are the chip.
+    part : str
+        Which die.
+    newest : _Newest
+    """
+
+    def __init__(self, driver: type[Driver], part: str, newest: _Newest) -> None:
+        super().__init__(r for r in driver.declared(Register).values() if r.part == part)
+        channels = driver.declared(Channel).values()  # type: ignore[type-abstract]
+        self._channels = [c for c in channels if c.first.part == part]
+        wiring = driver.wiring[part]
+        self._burst_bits = wiring.i2c_increment | wiring.spi_increment
+        self._newest = newest
+
+    def decode_address(self, first: int) -> tuple[int, bool]:
+        """Return the register; without its burst bit a chip that has one does not increment."""
+        if not self._burst_bits:
+            return first, True
+        return first & ~self._burst_bits, bool(first & self._burst_bits)
+
+    def advance(self, to_ns: int) -> None:
+        """Put the newest sample into the data registers."""
+        sample = self._newest.at(to_ns)
+        for channel in self._channels if sample is not None else ():
+            si = getattr(sample, channel.quantity)
+            if si is not None:
+                self.memory.fill(channel.first, self.memory.quantise(channel, si).tobytes())
+
+
+def create(
+    driver: type[Driver], kind: str, name: str, source: Source, clock: Clock, line: Line
+) -> dict[str, EmulatedBus]:
+    """Return one bus for each die."""
+    newest = _Newest(source)
+    return {
+        part: EmulatedBus(
+            f'{name} {part}'.rstrip(),
+            line,
+            GenericChip(driver, part, newest),
+            wiring.i2c_increment if kind == 'i2c' else wiring.spi_increment,
+            acknowledges=kind == 'i2c',
+        )
+        for part, wiring in driver.wiring.items()
+    }

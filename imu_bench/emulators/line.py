@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How long bytes take on a wire, and who may talk when."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import threading
+from typing import TypeVar
+
+from imu_bench.bus.interface import Clock
+
+_T = TypeVar('_T')
+
+
+@dataclass(frozen=True)
+class Timing:
+    """
+    What a transfer costs.
+
+    Attributes
+    ----------
+    byte_ns : float
+        One byte.
+    read_header, write_header : int
+        Bytes on the wire before the first data byte.
+    overhead_ns : float
+        Start, repeated start and stop, or chip select.
+
+    Examples
+    --------
+    14 bytes from a register at 400 kHz: three bytes of header, 9 bit per byte, 3 bit of
+    conditions make 390 µs.
+
+    >>> round(Timing.i2c(400e3).read_ns(14) / 1000)
+    390
+    """
+
+    byte_ns: float
+    read_header: int
+    write_header: int
+    overhead_ns: float
+
+    @classmethod
+    def i2c(cls, speed_hz: float = 400e3) -> Timing:
+        """Return I²C: address and register, then address again to read; 8 bit and acknowledge."""
+        return cls(9e9 / speed_hz, 3, 2, 3e9 / speed_hz)
+
+    @classmethod
+    def spi(cls, speed_hz: float = 1e6) -> Timing:
+        """Return SPI: one byte with the register; half a clock of chip select at each end."""
+        return cls(8e9 / speed_hz, 1, 1, 1e9 / speed_hz)
+
+    @classmethod
+    def serial(cls, baud: float = 115200.0) -> Timing:
+        """Return a serial line: start, eight data bits, stop."""
+        return cls(10e9 / baud, 0, 0, 0.0)
+
+    def read_ns(self, length: int) -> float:
+        """Return how long reading takes."""
+        return self.overhead_ns + (self.read_header + length) * self.byte_ns
+
+    def write_ns(self, length: int) -> float:
+        """Return how long writing takes."""
+        return self.overhead_ns + (self.write_header + length) * self.byte_ns
+
+
+class Line:
+    """
+    A wire that several chips may share; one transfer at a time.
+
+    Parameters
+    ----------
+    clock : Clock
+        Waits until the last bit is through.
+    timing : Timing
+    """
+
+    def __init__(self, clock: Clock, timing: Timing) -> None:
+        self.clock = clock
+        self.timing = timing
+        self._lock = threading.Lock()
+        self._free_ns = 0
+
+    def read(self, length: int, answer: Callable[[int, float], _T]) -> _T:
+        """
+        Return what `answer` makes of the time of the first data byte and the time per byte.
+
+        The caller waits until the transfer is over, as on a real bus.
+        """
+        header = self.timing.overhead_ns + self.timing.read_header * self.timing.byte_ns
+        return self._transfer(header, length * self.timing.byte_ns, answer)
+
+    def write(self, length: int, answer: Callable[[int, float], _T]) -> _T:
+        """Let `answer` take the bytes when the last one is through."""
+        return self._transfer(self.timing.write_ns(length), 0.0, answer)
+
+    def _transfer(self, before: float, after: float, answer: Callable[[int, float], _T]) -> _T:
+        with self._lock:
+            start = max(self.clock.now_ns(), self._free_ns) + round(before)
+            self._free_ns = start
+            try:
+                result = answer(start, self.timing.byte_ns)
+                self._free_ns = start + round(after)
+            finally:
+                end = self._free_ns
+        self.clock.sleep_until(end)
+        return result

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A chip's registers seen from the wire: the declared map run backwards.
+
+What is common to all chips with registers is here; a chip's own file adds what it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Protocol
+
+from imu_bench.emulators.line import Line
+from imu_bench.errors import NoAnswer
+from imu_bench.registers import Channel, Field, Register, Value
+from imu_bench.samples import Samples
+
+
+class Source(Protocol):
+    """What a chip samples, as `imu_bench.simulation.chip.SensorSource` gives it."""
+
+    def samples_until(self, t_ns: int) -> Samples:
+        """Return the samples made since the last call, up to and including `t_ns`."""
+        ...
+
+    def restart(self, t_ns: int, nominal_hz: float | None = None) -> None:
+        """Sample anew from `t_ns` on, at another rate if one is given."""
+        ...
+
+
+class RegisterMemory:
+    """
+    The bytes of one die.
+
+    Parameters
+    ----------
+    registers : iterable of Register
+        Every register there is; other addresses read as zero and ignore what is written.
+
+    Examples
+    --------
+    >>> control = Register(0x10, reset=0x38)
+    >>> memory = RegisterMemory([control, Register(0x0F, reset=0x68, access='ro')])
+    >>> memory.write(0x0F, 0)
+    >>> memory.word(control), memory.read(0x0F)
+    (56, 104)
+    """
+
+    def __init__(self, registers: Iterable[Register]) -> None:
+        self._registers = tuple(registers)
+        self._owner = {
+            register.number + k: register
+            for register in self._registers
+            for k in range(register.size)
+        }
+        self._bytes: dict[int, int] = {}
+        self.reset()
+
+    def reset(self) -> None:
+        """Give every register its value after power-up."""
+        for register in self._registers:
+            self.set(register, register.reset or 0)
+
+    def owner(self, number: int) -> Register | None:
+        """Return the register that a byte belongs to."""
+        return self._owner.get(number)
+
+    def read(self, number: int) -> int:
+        """Return a byte as the wire sees it; a register that empties on read is emptied."""
+        register = self._owner.get(number)
+        if register is None or register.access == 'wo':
+            return 0
+        byte = self._bytes[number]
+        if register.clear_on_read:
+            self._bytes[number] = 0
+        return byte
+
+    def write(self, number: int, byte: int) -> None:
+        """Take a byte from the wire; a register that is read only keeps its own."""
+        register = self._owner.get(number)
+        if register is not None and register.writable:
+            self._bytes[number] = byte
+
+    def word(self, register: Register) -> int:
+        """Return the word of a register, from inside the chip."""
+        first = register.number
+        if register.size == 1:
+            return self._bytes[first]
+        return register.unpack(bytes(self._bytes[first + k] for k in range(register.size)))
+
+    def set(self, register: Register, word: int) -> None:
+        """Set the word of a register, from inside the chip."""
+        self.fill(register, register.pack(word))
+
+    def fill(self, register: Register, data: bytes) -> None:
+        """Set the first bytes of a register, from inside the chip."""
+        for k, byte in enumerate(data):
+            self._bytes[register.number + k] = byte
+
+    def code(self, field: Field) -> int:
+        """Return the code in a field, from inside the chip."""
+        return (self.word(field.register) & field.mask) >> field.low
+
+    def value(self, field: Field) -> Value:
+        """Return the value of a field, from inside the chip."""
+        return field.decode(self.code(field))
+
+    def put(self, field: Field, code: int) -> None:
+        """Set the code of a field, from inside the chip."""
+        word = self.word(field.register) & ~field.mask | code << field.low
+        self.set(field.register, word)
+
+    def quantise(self, channel: Channel, si: Any, trim: Any = 1.0) -> Any:
+        """Return the words of a channel for SI values at the range the registers are set to."""
+        range_ = self.value(channel.scaled_by) if channel.scaled_by is not None else None
+        return channel.encode(si, range_, trim)
+
+
+class EmulatedChip:
+    """
+    One die: registers that answer, and hooks for what the chip does.
+
+    A chip overrides `advance` to make samples, `written` to react to settings, `reading` to
+    refresh what is about to be read.  `ports` are the registers that do not increment, `quiet`
+    those where a burst starts that time does not change.
+
+    Parameters
+    ----------
+    registers : iterable of Register
+    """
+
+    ports: frozenset[int] = frozenset()
+    quiet: frozenset[int] = frozenset()
+
+    def __init__(self, registers: Iterable[Register]) -> None:
+        self.memory = RegisterMemory(registers)
+
+    def power_up(self, at_ns: int) -> None:
+        """Begin at the reset values."""
+        self.memory.reset()
+
+    def answers(self, at_ns: int) -> bool:
+        """Return whether the chip acknowledges its address."""
+        return True
+
+    def advance(self, to_ns: int) -> None:
+        """Let the chip live until a time."""
+
+    def decode_address(self, first: int) -> tuple[int, bool]:
+        """Return the register number of an address byte, and whether it increments."""
+        return first, True
+
+    def reading(self, number: int, at_ns: int) -> None:
+        """Prepare a byte that is about to be read."""
+
+    def was_read(self, number: int, at_ns: int) -> None:
+        """React to a byte that was read."""
+
+    def written(self, register: Register, at_ns: int) -> None:
+        """React to a register that was written."""
+
+    def read_port(self, number: int, length: int, at_ns: int, byte_ns: float) -> bytes:
+        """Return bytes from a register that does not increment."""
+        return bytes(self.memory.read(number) for _ in range(length))
+
+    def read(self, first: int, length: int, at_ns: int, byte_ns: float) -> bytes:
+        """
+        Return what the chip drives onto the wire.
+
+        Parameters
+        ----------
+        first : int
+            Address byte, with the burst bit the wiring asks for.
+        length : int
+        at_ns : int
+            Time of the first data byte.
+        byte_ns : float
+            Time per byte.
+        """
+        number, increments = self.decode_address(first)
+        if number not in self.quiet:
+            self.advance(at_ns)
+        out = bytearray()
+        for _ in range(length):
+            if number in self.ports:
+                out += self.read_port(number, length - len(out), at_ns, byte_ns)
+                break
+            self.reading(number, at_ns)
+            out.append(self.memory.read(number))
+            self.was_read(number, at_ns)
+            number += increments
+        return bytes(out)
+
+    def write(self, first: int, data: bytes, at_ns: int) -> None:
+        """Take what the wire brings."""
+        self.advance(at_ns)
+        number, increments = self.decode_address(first)
+        for byte in data:
+            self.memory.write(number, byte)
+            register = self.memory.owner(number)
+            if register is not None and register.writable:
+                self.written(register, at_ns)
+            number += increments
+
+
+class EmulatedBus:
+    """
+    A RegisterBus on which an emulated chip lives.
+
+    Parameters
+    ----------
+    name : str
+        For error texts and diagnostics; says that it is emulated.
+    line : Line
+        Shared by the chips on one wire.
+    chip : EmulatedChip
+    increment : int
+        The bit that the real bus would set in the register number of a burst.
+    acknowledges : bool
+        I²C notices that nobody is there; SPI reads ones from an open line.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        line: Line,
+        chip: EmulatedChip,
+        increment: int = 0,
+        *,
+        acknowledges: bool = True,
+    ) -> None:
+        self.name = name
+        self.line = line
+        self.chip = chip
+        self.acknowledges = acknowledges
+        self._increment = increment
+
+    def read(self, register: int, length: int) -> bytes:
+        """Return `length` bytes from `register` on, in one transaction."""
+        first = register | self._increment if length > 1 else register
+
+        def answer(at_ns: int, byte_ns: float) -> bytes:
+            if not self._answered(at_ns):
+                return b'\xff' * length
+            return self.chip.read(first, length, at_ns, byte_ns)
+
+        return self.line.read(length, answer)
+
+    def write(self, register: int, data: bytes) -> None:
+        """Write bytes from `register` on, in one transaction."""
+        first = register | self._increment if len(data) > 1 else register
+
+        def answer(at_ns: int, byte_ns: float) -> None:
+            if self._answered(at_ns):
+                self.chip.write(first, data, at_ns)
+
+        self.line.write(len(data), answer)
+
+    def close(self) -> None:
+        """Do nothing: the chip stays where it is."""
+
+    def _answered(self, at_ns: int) -> bool:
+        answers = self.chip.answers(at_ns)
+        if self.acknowledges and not answers:
+            raise NoAnswer(f'{self.name}: nothing answers; check power, wiring and address')
+        return answers

@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measured quantities: where their words are, what an LSB is worth, which way the axes point."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+import math
+from typing import Any
+
+from imu_bench.errors import ConfigError
+from imu_bench.registers.fields import Declaration, Field, Register, Value
+import numpy as np
+import numpy.typing as npt
+
+Factor = float | tuple[float, ...]
+"""SI per LSB: one number, or one per component in the order of the registers."""
+
+_Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Channel(Declaration, ABC):
+    """
+    A measured quantity: where its words are and what an LSB is worth; see Vector and Scalar.
+
+    Parameters
+    ----------
+    first : Register
+        The run of registers that holds the words.
+    quantity : str
+        Field of `Samples` that receives it.
+    unit : str
+        SI unit.
+    dtype : str
+        Word as numpy writes it, byte order included, such as '>i2'.
+    si_per_lsb : float, tuple, or mapping of a value of `scaled_by` to either
+    scaled_by : Field, optional
+        The range field on which the LSB depends.
+    offset : float
+        SI value at word 0.
+    shift : int
+        Unused low bits of left-justified words.
+    limits : (int, int), optional
+        Smallest and largest reading, after the shift; a reading there counts as saturated.
+        Default: the whole word.
+    """
+
+    first: Register
+    quantity: str
+    unit: str
+    dtype: str
+    si_per_lsb: Factor | Mapping[Any, Factor]
+    scaled_by: Field | None = None
+    offset: float = 0.0
+    shift: int = 0
+    limits: tuple[int, int] | None = None
+    components = 1
+
+    def __post_init__(self) -> None:
+        by_range = isinstance(self.si_per_lsb, Mapping)
+        codes = None if self.scaled_by is None else self.scaled_by.codes
+        ranges = set(codes) if codes is not None else None
+        if by_range is not (ranges is not None) or (
+            isinstance(self.si_per_lsb, Mapping) and set(self.si_per_lsb) != ranges
+        ):
+            raise ConfigError(
+                f'{self.quantity}: si_per_lsb must give one factor for each value of scaled_by '
+                f'({ranges})'
+            )
+        if np.dtype(self.dtype).itemsize * self.components != self.first.size:
+            raise ConfigError(
+                f'{self.quantity}: {self.components} x {self.dtype} does not fill the '
+                f'{self.first.size} bytes from 0x{self.first.address:02X} on'
+            )
+
+    @cached_property
+    def is_integer(self) -> bool:
+        """Return whether words are counts; False for a chip that sends floats."""
+        return np.dtype(self.dtype).kind in 'iu'
+
+    @cached_property
+    def word_limits(self) -> tuple[float, float]:
+        """Return the smallest and the largest reading."""
+        if self.limits is not None:
+            return self.limits
+        if not self.is_integer:
+            return -math.inf, math.inf
+        info = np.iinfo(np.dtype(self.dtype))
+        return int(info.min) >> self.shift, int(info.max) >> self.shift
+
+    def factor(self, range_: Value | None = None) -> _Array:
+        """Return SI per LSB of each component, in the order of the registers."""
+        return self._factors[range_]
+
+    @cached_property
+    def _factors(self) -> dict[Value | None, _Array]:
+        table = self.si_per_lsb
+        by_range = table if isinstance(table, Mapping) else {None: table}
+        return {range_: np.full(self.components, factor) for range_, factor in by_range.items()}
+
+    def counts(self, words: _Array) -> _Array:
+        """Return readings from words as they came over the wire."""
+        return words >> self.shift if self.shift else words
+
+    def saturated(self, words: _Array) -> npt.NDArray[np.bool_]:
+        """Return for each row of words whether a component stands at its limit, shape (n,)."""
+        counts = self.counts(words).reshape(-1, self.components)
+        low, high = self.word_limits
+        if counts.size == 0 or (counts.max() < high and counts.min() > low):
+            return np.zeros(len(counts), dtype=np.bool_)
+        return np.asarray(((counts <= low) | (counts >= high)).any(axis=1))
+
+    @abstractmethod
+    def decode(self, words: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return SI values of words as they came over the wire."""
+
+    @abstractmethod
+    def encode(self, si: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return the words a chip sends for SI values: quantised and saturated."""
+
+    @abstractmethod
+    def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return the size of one LSB in SI of each component."""
+
+    def _quantise(self, counts: _Array) -> _Array:
+        low, high = self.word_limits
+        if self.is_integer:
+            counts = np.rint(counts)
+        clipped: _Array = np.clip(counts, low, high) * (1 << self.shift)
+        return clipped.astype(np.dtype(self.dtype))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scalar(Channel):
+    """
+    A quantity with one component, shape (n,).
+
+    Examples
+    --------
+    >>> out = Register(0x41, access='ro', size=2, reset=None)
+    >>> t = Scalar(first=out, quantity='temperature', unit='°C', dtype='>i2',
+    ...            si_per_lsb=1 / 333.87, offset=21.0)
+    >>> t.decode(np.array([0, 3339])).round(2).tolist()
+    [21.0, 31.0]
+    """
+
+    def decode(self, words: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return SI values, shape (n,), of words as they came over the wire, shape (n,)."""
+        return np.asarray(self.counts(words) * (self.factor(range_)[0] * trim) + self.offset)
+
+    def encode(self, si: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return the words a chip sends for SI values: quantised, saturated, shape (n,)."""
+        return self._quantise((si - self.offset) / (self.factor(range_)[0] * trim))
+
+    def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return the size of one LSB in SI, shape (1,)."""
+        return np.asarray(self.factor(range_) * trim)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Vector(Channel):
+    """
+    A quantity with three components, shape (n, 3).
+
+    Parameters
+    ----------
+    axes : 3 x 3 of -1, 0, 1
+        Rows x, y, z of the right-handed body frame (REP-103) over the words in the order of
+        the registers.
+
+    Examples
+    --------
+    >>> out = Register(0x03, access='ro', size=6, reset=None)
+    >>> field = Vector(first=out, quantity='magnetic_field', unit='T', dtype='<i2',
+    ...                si_per_lsb=0.15e-6, axes=((0, 1, 0), (1, 0, 0), (0, 0, -1)))
+    >>> (field.decode(np.array([[100, 200, 300]])) * 1e6).round(6).tolist()
+    [[30.0, 15.0, -45.0]]
+    """
+
+    axes: tuple[tuple[int, int, int], ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    components = 3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        matrix = np.abs(np.asarray(self.axes))
+        if matrix.shape != (3, 3) or (matrix.sum(axis=0) != 1).any() or (matrix > 1).any():
+            raise ConfigError(f'{self.quantity}: axes {self.axes} must map axis to axis, by sign')
+
+    @cached_property
+    def _order(self) -> _Array | slice:
+        """Return which word belongs to x, y, z; a slice when nothing has to be moved."""
+        order = np.argmax(np.abs(np.asarray(self.axes)), axis=1)
+        return slice(None) if order.tolist() == [0, 1, 2] else order
+
+    @cached_property
+    def _signed_factors(self) -> dict[Value | None, _Array]:
+        sign = np.asarray(self.axes).sum(axis=1)
+        return {range_: factor[self._order] * sign for range_, factor in self._factors.items()}
+
+    def _signed_factor(self, range_: Value | None, trim: Any) -> _Array:
+        factor = self._signed_factors[range_]
+        if isinstance(trim, float) and trim == 1.0:
+            return factor
+        return np.asarray(factor * np.broadcast_to(trim, 3)[self._order])
+
+    def decode(self, words: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """
+        Return SI values in the body frame of words as they came over the wire.
+
+        Parameters
+        ----------
+        words : ndarray, shape (n, 3)
+            In the order of the registers.
+        range_ : value of `scaled_by`
+        trim : float or array of shape (3,)
+            The chip's own sensitivity correction, in the order of the registers.
+        """
+        si = self.counts(words)[:, self._order] * self._signed_factor(range_, trim)
+        return np.asarray(si + self.offset if self.offset else si)
+
+    def encode(self, si: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return the words a chip sends for SI values (n, 3): quantised, saturated, (n, 3)."""
+        counts = np.empty((len(si), 3))
+        counts[:, self._order] = (si - self.offset) / self._signed_factor(range_, trim)
+        return self._quantise(counts)
+
+    def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return the size of one LSB in SI along x, y, z of the body frame, shape (3,)."""
+        return np.abs(self._signed_factor(range_, trim))
+
+
+class Frame(Declaration):
+    """
+    Words that travel together, first byte first: a FIFO slot, a burst of registers.
+
+    Parameters
+    ----------
+    *parts : Channel or Register
+        A channel appears under its quantity, a register under its name.
+
+    Examples
+    --------
+    >>> status = Register(0x02, access='ro')
+    >>> status.__set_name__(object, 'STATUS')
+    >>> out = Register(0x03, access='ro', size=6, reset=None)
+    >>> field = Vector(first=out, quantity='magnetic_field', unit='T', dtype='<i2',
+    ...                si_per_lsb=1.4e-8)
+    >>> burst = Frame(status, field)
+    >>> words = burst.unpack(bytes([1, 2, 0, 3, 0, 4, 0]))
+    >>> burst.size, words['STATUS'].tolist(), words['magnetic_field'].tolist()
+    (7, [1], [[2, 3, 4]])
+    """
+
+    def __init__(self, *parts: Channel | Register) -> None:
+        self.parts = parts
+
+    @cached_property
+    def dtype(self) -> np.dtype[Any]:
+        """Return the frame as a numpy structure."""
+        return np.dtype(
+            [
+                (part.quantity, part.dtype, (3,) if part.components == 3 else ())
+                if isinstance(part, Channel)
+                else (part.name, f'{">" if part.order == "big" else "<"}u{part.size}')
+                for part in self.parts
+            ]
+        )
+
+    @property
+    def size(self) -> int:
+        """Return bytes per frame."""
+        return self.dtype.itemsize
+
+    def unpack(self, data: bytes) -> _Array:
+        """Return the words of whole frames as a structured array, shape (n,)."""
+        return np.frombuffer(data, dtype=self.dtype)
+
+    def pack(self, words: Mapping[str, Any], frames: int) -> bytes:
+        """Return the bytes of `frames` frames; parts that are not given are zero."""
+        out = np.zeros(frames, dtype=self.dtype)
+        for name, values in words.items():
+            out[name] = values
+        return out.tobytes()
