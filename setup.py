@@ -53,7 +53,6 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
         'figures': ['matplotlib>=3.8'],
         'cluster': ['distributed>=2024.1'],
-        'fast': ['numba>=0.60'],
         'test': [
             'pytest>=7.4',
             'pytest-timeout>=2.2',
