@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The correlation time of a Gauss-Markov process within a noise model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+
+from imu_bench.metrology.curve import Floats
+from imu_bench.metrology.model_fit import Problem, solve
+from imu_bench.metrology.noise_model import gauss_markov_variance, GM_PEAK_TAU
+from imu_bench.metrology.scoring import subsets
+import numpy as np
+
+_COARSE = 0.5
+"""Step of ln T_c of the search; the likelihood is smooth on the scale of an octave of τ."""
+
+_STEP = 1e-3
+
+
+def likeliest(prepared: Callable[[float], Problem], tau: Floats) -> Problem:
+    """
+    Return the problem whose correlation time fits best.
+
+    Parameters
+    ----------
+    prepared : callable
+        Returns the problem, with term 'G', for a correlation time in s.
+    tau : ndarray, shape (k,)
+        Averaging times in s.  The peak of the process, at 1.89 T_c, is sought between the
+        third of them and half the longest: elsewhere it is a random walk or white noise.
+    """
+    low = math.log(tau[min(2, tau.size - 1)] / GM_PEAK_TAU)
+    high = max(math.log(0.5 * tau[-1] / GM_PEAK_TAU), low + _COARSE)
+    grid = np.arange(low, high + _COARSE, _COARSE)
+    scores = np.array([_score(prepared(math.exp(x))) for x in grid])
+    best = int(np.argmin(scores))
+    if not 0 < best < grid.size - 1 or not np.all(np.isfinite(scores[best - 1 : best + 2])):
+        return prepared(math.exp(grid[best]))
+    left, middle, right = scores[best - 1 : best + 2]
+    shift = 0.5 * (left - right) / max(left - 2.0 * middle + right, 1e-9)
+    refined = prepared(math.exp(grid[best] + _COARSE * float(np.clip(shift, -0.5, 0.5))))
+    coarse = prepared(math.exp(grid[best]))
+    return min((refined, coarse), key=_score)
+
+
+def slope(problem: Problem, correlation_time: float, square: float) -> Floats:
+    """Return the derivative of the Allan variance by ln T_c, for a square of q_c."""
+    above = gauss_markov_variance(problem.tau, correlation_time * math.exp(_STEP))
+    below = gauss_markov_variance(problem.tau, correlation_time * math.exp(-_STEP))
+    result: Floats = square * (above - below) / (2.0 * _STEP)
+    return result
+
+
+def _score(problem: Problem) -> float:
+    """Return the best score of any subset that holds the Gauss-Markov process."""
+    count = len(problem.terms)
+    masks = subsets(count, min(count, problem.tau.size - 1))
+    return float(solve(problem, masks[masks[:, problem.terms.index('G')]]).score.min())

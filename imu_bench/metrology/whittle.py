@@ -1,0 +1,321 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Noise coefficients from the spectrum: a second opinion on those from the Allan variance.
+
+The two look at the same data in different ways: a vibration is a line in the spectrum and a bump
+in the Allan variance, a filter bends one end of each, a step moves both.  Where the sum of noise
+terms is the truth they agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+from imu_bench.errors import DataError
+from imu_bench.metrology.curve import Floats
+from imu_bench.metrology.estimate import CONFIDENCE, Estimate
+from imu_bench.metrology.noise_model import (
+    coefficient_unit,
+    density_basis,
+    NoiseModel,
+    TERM_NAMES,
+    TERMS,
+)
+from imu_bench.metrology.scoring import granted, minus_two_log_likelihood, scored, subsets
+from imu_bench.metrology.uncertainty import cumulants, Response
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+METHOD = 'Whittle likelihood of the periodogram'
+
+SPECTRAL_TERMS = 'QNBK'
+"""The terms with a density; a ramp has none."""
+
+SIGNIFICANCE = 1e-3
+"""Largest probability that a term which is reported is a chance of the other noise."""
+
+FEWEST = 64
+"""Samples in one piece that a spectrum needs."""
+
+BINS_PER_E = 8
+"""Bins per factor e of frequency: finer than any feature of the noise terms."""
+
+NARROWEST = 3
+"""Ordinates per bin at least: neighbours are correlated and must not count as independent."""
+
+FIRST = 2
+"""First frequency used, in 1/T: the Hann taper spreads the removed mean over 0 and 1."""
+
+HANN_SPREAD = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
+"""
+Ordinates of a Hann-tapered periodogram per independent one: squared correlations of neighbours
+are (2/3)² and (1/6)² (Harris, Proc. IEEE 66 (1978) 51, section IV.B).
+"""
+
+LINE = 20.0
+"""Ordinates above this many medians of their bin are lines, not noise: chance 2^-20 each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Binned:
+    """A log-binned periodogram: one-sided density, model densities (p, k), degrees of freedom."""
+
+    density: Floats
+    basis: Floats
+    degrees: Floats
+
+
+def fit(
+    data: npt.ArrayLike,
+    rate_hz: float,
+    *,
+    unit: str = '1',
+    confidence: float = CONFIDENCE,
+    terms: str = SPECTRAL_TERMS,
+    valid: npt.ArrayLike | None = None,
+    shortest_tau: float = 0.0,
+) -> NoiseModel:
+    """
+    Return Q, N, B and K by maximum Whittle likelihood.
+
+    All terms asked for are fitted together, none is chosen: intervals are those of a model that
+    holds them all, and a term that may be a chance of the others is not observable.
+
+    Parameters
+    ----------
+    data : array_like, shape (n,)
+        Rate samples.
+    rate_hz : float
+        Sample rate in Hz.
+    unit : str
+        Unit of the samples.
+    confidence : float
+        Level of the intervals.
+    terms : str
+        Terms to fit, letters of 'QNBK'.
+    valid : array_like of bool, shape (n,), optional
+        False where a sample is missing; the longest piece without gaps is used.
+    shortest_tau : float
+        Frequencies above 1/(2 shortest_tau) are left out, to look at what an Allan variance
+        from this averaging time in s on looks at (`NoiseModel.tau_low`).
+
+    Returns
+    -------
+    NoiseModel
+        R is not observable.
+
+    Raises
+    ------
+    DataError
+        If the data are not one-dimensional or not finite, or the rate, the confidence or the
+        terms make no sense.
+
+    Notes
+    -----
+    P. Whittle, Arkiv för Matematik 2 (1953) 423: ordinates of the periodogram are independent
+    and S(f) χ²_2/2.  Here tapered (Hann), averaged in logarithmic bins, lines left out.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(1).standard_normal(100_000)
+    >>> model = fit(x, 100.0)
+    >>> model.terms, round(model.N.value, 2)
+    ('N', 0.1)
+    """
+    x = _longest_piece(np.asarray(data, np.float64), valid)
+    if not (math.isfinite(rate_hz) and rate_hz > 0.0):
+        raise DataError(f'the sample rate must be positive, got {rate_hz} Hz')
+    if not 0.0 < confidence < 1.0:
+        raise DataError(f'confidence must lie between 0 and 1, got {confidence}')
+    if not terms or len(set(terms)) < len(terms) or set(terms) - set(SPECTRAL_TERMS):
+        raise DataError(f'terms must be different letters of {SPECTRAL_TERMS}, got {terms!r}')
+    scale = float(np.std(x)) if x.size else 0.0
+    if x.size < FEWEST or scale == 0.0:
+        reason = (
+            f'{x.size} samples in one piece; a spectrum needs {FEWEST}'
+            if x.size < FEWEST
+            else 'the signal never changes: stuck, or below its own resolution'
+        )
+        return _model(unit, {}, {}, confidence, reason)
+    highest = 0.5 * rate_hz if shortest_tau <= 0.0 else min(0.5 / shortest_tau, 0.5 * rate_hz)
+    binned = _binned(x / scale, rate_hz, highest, terms)
+    squares = _likeliest(binned)
+    found, fitted = {}, {}
+    for at, term in enumerate(terms):
+        own_unit = coefficient_unit(unit, term)
+        found[term] = _estimate(binned, squares, at, term, confidence).scaled(scale, own_unit)
+        if squares[at] > 0.0:
+            fitted[term] = scale * math.sqrt(squares[at])
+    return _model(unit, found, fitted, confidence, 'not asked for, or without a spectrum (R)')
+
+
+def disagreements(first: NoiseModel, second: NoiseModel) -> tuple[str, ...]:
+    """
+    Return one sentence for each coefficient on which two models contradict each other.
+
+    Two intervals contradict each other when they do not overlap, an interval and an upper
+    bound when the interval lies above the bound.
+    """
+    found = []
+    for term in TERMS:
+        a, b = first.coefficients[term], second.coefficients[term]
+        if a.low is None or a.high is None or b.low is None or b.high is None:
+            continue
+        if a.low > b.high or b.low > a.high:
+            found.append(
+                f'{term} from the {first.method} is {_said(a)}, from the {second.method} '
+                f'{_said(b)} {a.unit}: the data hold more than this noise (vibration, steps, '
+                'temperature), look at the spectrum'
+            )
+    return tuple(found)
+
+
+def _said(estimate: Estimate) -> str:
+    if estimate.value is None:
+        return f'below {estimate.high:.3g}'
+    return f'{estimate.low:.3g} to {estimate.high:.3g}'
+
+
+def _longest_piece(x: Floats, valid: npt.ArrayLike | None) -> Floats:
+    if x.ndim != 1:
+        raise DataError(f'one axis at a time: data have {x.ndim} dimensions instead of 1')
+    good = np.ones(x.size, np.bool_) if valid is None else np.asarray(valid, np.bool_)
+    if good.shape != x.shape:
+        raise DataError(f'valid has shape {good.shape}, data {x.shape}')
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
+    starts, ends = edges[::2], edges[1::2]
+    if not starts.size:
+        return x[:0]
+    longest = int(np.argmax(ends - starts))
+    piece = x[starts[longest] : ends[longest]]
+    if not np.all(np.isfinite(piece)):
+        raise DataError('data hold NaN or infinite samples; mark them in valid')
+    return piece
+
+
+def _binned(x: Floats, rate_hz: float, highest: float, terms: str) -> Binned:
+    n = x.size
+    # periodic Hann: its transform is exactly three lines
+    taper = 0.5 - 0.5 * np.cos(2.0 * np.pi / n * np.arange(n))
+    transform = fft.rfft((x - x.mean()) * taper)
+    power = np.abs(transform) ** 2 * (2.0 / (rate_hz * float(taper @ taper)))
+    frequency = np.arange(power.size) * (rate_hz / n)
+    # Nyquist has one degree of freedom instead of two
+    last = min(int(highest * n / rate_hz), (n - 1) // 2)
+    used = slice(FIRST, max(last + 1, FIRST + 1))
+    power, frequency = power[used], frequency[used]
+    count = max(int(BINS_PER_E * math.log(frequency[-1] / frequency[0])), 1)
+    grid = np.geomspace(frequency[0], frequency[-1], count + 1)[1:-1]
+    starts = [0]
+    for start in np.searchsorted(frequency, grid):
+        if start - starts[-1] >= NARROWEST:
+            starts.append(int(start))
+    parts = zip(starts, [*starts[1:], frequency.size], strict=True)
+    rows = [
+        _bin(power[a:b], density_basis(frequency[a:b], 1.0 / rate_hz, terms)) for a, b in parts
+    ]
+    density, basis, degrees = zip(*rows, strict=True)
+    return Binned(np.array(density), np.array(basis).T, np.array(degrees))
+
+
+def _bin(power: Floats, densities: Floats) -> tuple[float, Floats, float]:
+    """Return the mean of the ordinates that are noise, that of the models, and the freedom."""
+    noise = power <= LINE * np.median(power) if power.size >= 8 else np.ones(power.size, bool)
+    count = np.count_nonzero(noise)
+    return (
+        float(power[noise].mean()),
+        densities[:, noise].mean(axis=1),
+        max(2.0 * count / HANN_SPREAD, 1.0),
+    )
+
+
+def _likeliest(binned: Binned) -> Floats:
+    """Return the non-negative squares of largest likelihood."""
+    masks = subsets(len(binned.basis), len(binned.basis))
+    degrees = granted(binned.degrees)
+    raw = scored(
+        binned.density,
+        binned.basis,
+        masks,
+        lambda squares: np.broadcast_to(degrees, (len(squares), degrees.size)),
+        degrees,
+    )
+    squares = np.maximum(raw, 0.0)
+    misfit = minus_two_log_likelihood(binned.density, squares @ binned.basis, degrees)
+    # the optimum under the bounds is that of the subset that it leaves positive
+    positive = np.all((raw > 0.0) | ~masks, axis=1)
+    return np.asarray(squares[int(np.argmin(np.where(positive, misfit, np.inf)))], np.float64)
+
+
+def _estimate(binned: Binned, squares: Floats, at: int, term: str, confidence: float) -> Estimate:
+    """Return one coefficient, or its bound if it may be a chance of the other noise."""
+    response = _response(binned, squares, at)
+    value = float(squares[at])
+    if value <= 0.0 or response.significance() > SIGNIFICANCE:
+        # weighted for as much of the term as could hide, see fit_report
+        designed = squares.copy()
+        designed[at] = max(response.value, 0.0) + 2.0 * response.spread(value)
+        response = _response(binned, designed, at)
+        return Estimate.not_observable(
+            '1',
+            f'{TERM_NAMES[term]} does not rise above the scatter of the spectrum',
+            high=math.sqrt(response.upper_bound(confidence)),
+            confidence=confidence,
+            method=METHOD,
+        )
+    low, high = response.interval(confidence)
+    return Estimate(
+        math.sqrt(value),
+        math.sqrt(min(low, value)),
+        math.sqrt(max(high, value)),
+        '1',
+        confidence,
+        method=METHOD,
+    )
+
+
+def _response(binned: Binned, squares: Floats, at: int) -> Response:
+    """Return how the estimate of one square answers to noise."""
+    model = squares @ binned.basis
+    weights = granted(binned.degrees) / model**2
+    scale = 1.0 / np.sqrt(binned.basis**2 @ weights)
+    columns = binned.basis * scale[:, None]
+    normal = (columns * weights) @ columns.T + 1e-12 * np.eye(len(columns))
+    row = (np.linalg.solve(normal, columns * weights) * scale[:, None])[[at]]
+    own = binned.basis[[at]]
+    second, third = cumulants(
+        (model - squares[at] * own) * row,
+        own * row,
+        2.0 / binned.degrees,
+        8.0 / binned.degrees**2,
+    )
+    return Response(float((row @ binned.density)[0]), second[0], third[0])
+
+
+def _model(
+    unit: str,
+    found: dict[str, Estimate],
+    fitted: dict[str, float],
+    confidence: float,
+    reason: str,
+) -> NoiseModel:
+    estimates = {
+        t: found.get(t)
+        or Estimate.not_observable(
+            coefficient_unit(unit, t), reason, confidence=confidence, method=METHOD
+        )
+        for t in TERMS
+    }
+    return NoiseModel(
+        unit=unit,
+        Q=estimates['Q'],
+        N=estimates['N'],
+        B=estimates['B'],
+        K=estimates['K'],
+        R=estimates['R'],
+        fitted=fitted,
+        method=METHOD,
+        flags=() if found else (reason,),
+    )
