@@ -23,7 +23,7 @@ class Readings:
         self.phase = self.rng.uniform(0.0, self.period)
         self.poll_s, self.delay_s = poll_s, delay_s
         self.model = ClockModel(rate_hz)
-        self.turn, self.count = 0, 0
+        self.turn, self.count, self.now = 0, 0, 0.0
         self.stamps, self.true = [], []
         self._waiting = []
 
@@ -31,9 +31,11 @@ class Readings:
         while (self.turn + 1) * self.poll_s < until_s:
             self.turn += 1
             shift = self.turn * 0.618034 % 1.0 * min(self.period, 0.5 * self.poll_s)
-            now = self.turn * self.poll_s + shift + self.rng.uniform(0.0, self.delay_s)
-            made = int((now - self.phase) // self.period) + 1
-            self.take(made - self.count, now, made)
+            late = self.turn * self.poll_s + shift + self.rng.uniform(0.0, self.delay_s)
+            # a reading never begins before the one before it has ended
+            self.now = max(self.now, late)
+            made = int((self.now - self.phase) // self.period) + 1
+            self.take(made - self.count, self.now, made)
 
     def take(self, n, now, made):
         self._waiting.append(np.arange(made - n, made))

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Entry point of `imu-bench`: finds the verbs, runs one, turns errors into one line.
+
+A verb is a file in this folder that defines `register(verbs)`, which adds one parser whose
+default `run` is the function to call.  Other files are helpers and are not imported; a verb
+imports nothing heavy before it runs, so that help is there at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from importlib import import_module
+import io
+import os
+from pathlib import Path
+import re
+import sys
+
+from imu_bench import __version__
+from imu_bench.errors import BenchError
+
+PACKAGE = 'imu_bench.cli'
+
+DONE, FAULT, USAGE, INTERRUPTED = 0, 1, 2, 130
+"""Exit codes: done; the input or the machine is at fault; wrong usage; stopped with Ctrl-C."""
+
+_VERB = re.compile(r'^def register\(', re.MULTILINE)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run one verb and return the exit code.
+
+    Examples
+    --------
+    >>> main([])  # doctest: +ELLIPSIS
+    usage: imu-bench [-h] [--version] VERB ...
+    2
+    """
+    _allow_every_character()
+    parser = build_parser()
+    arguments = parser.parse_args(argv)
+    if arguments.run is None:
+        parser.print_help()
+        return USAGE
+    try:
+        code = int(arguments.run(arguments))
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        print('imu-bench: stopped', file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # the reader of a pipe (`| head`) has gone; Python must not complain at exit either
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAULT
+    except BenchError as error:
+        complain(str(error))
+    except MemoryError:
+        complain('not enough memory for this recording: analyse a part of it (--start, --end)')
+    except OSError as error:
+        complain(os_error_text(error))
+    return FAULT
+
+
+def _allow_every_character() -> None:
+    """Let a terminal or pipe that knows no µ show a question mark instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='replace')
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command with every verb found in this folder."""
+    parser = argparse.ArgumentParser(
+        prog='imu-bench',
+        description='Test bench for several IMUs: run it, record it, analyse it.',
+        epilog='exit codes: 0 done, 1 the input or the machine is at fault, 2 wrong usage',
+    )
+    parser.add_argument('--version', action='version', version=f'imu-bench {__version__}')
+    parser.set_defaults(run=None)
+    verbs = parser.add_subparsers(title='verbs', metavar='VERB')
+    for name in verb_names():
+        import_module(f'{PACKAGE}.{name}').register(verbs)
+    return parser
+
+
+def verb_names() -> list[str]:
+    """
+    Return the files of this folder that are verbs, told by their source, without importing them.
+
+    Examples
+    --------
+    >>> 'analyze' in verb_names(), 'table' in verb_names()
+    (True, False)
+    """
+    files = sorted(Path(__file__).parent.glob('*.py'))
+    return [file.stem for file in files if _VERB.search(file.read_text(encoding='utf-8'))]
+
+
+def complain(message: str) -> None:
+    """Print one error line on stderr; characters that would steer a terminal are made visible."""
+    line = ' '.join(message.split())
+    shown = ''.join(c if c.isprintable() else f'\\x{ord(c):02x}' for c in line)
+    print(f'imu-bench: error: {shown}', file=sys.stderr)
+
+
+def os_error_text(error: OSError) -> str:
+    """
+    Return what the operating system refused, and for which file.
+
+    Examples
+    --------
+    >>> os_error_text(FileNotFoundError(2, 'No such file or directory', '/tmp/a/b.json'))
+    '/tmp/a/b.json: No such file or directory'
+    """
+    if error.strerror and error.filename is not None:
+        return f'{error.filename}: {error.strerror}'
+    return error.strerror or str(error) or type(error).__name__
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The terminal's view of an analysis: findings first, then one table per quantity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import shutil
+import sys
+
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.offline.axis_result import AxisResult
+from imu_bench.offline.comparison import Comparison
+from imu_bench.offline.health import Health
+from imu_bench.offline.notation import (
+    count,
+    duration,
+    rate_text,
+    readable_unit,
+    short,
+    text,
+    value_text,
+)
+from imu_bench.offline.results import Analysis, RecordingResult
+from imu_bench.samples import IMU_QUANTITIES
+from rich import box
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+PIPE_WIDTH = 200
+"""Columns where the output is not a terminal: nobody wraps lines of a file."""
+
+_UNLIMITED = 10_000
+_COLOURS = {'info': 'dim', 'warning': 'yellow', 'severe': 'bold red'}
+_TITLES = {'linear_acceleration': 'Acceleration', 'angular_velocity': 'Angular velocity'}
+
+
+class _Column:
+    """One measured number of every axis: title, role of the unit, and where it is found."""
+
+    def __init__(self, title: str, role: str, estimates: Sequence[Estimate], si: bool) -> None:
+        sizes = [e.value if e.value is not None else e.high for e in estimates]
+        unit = estimates[0].unit
+        self.unit = unit if si else readable_unit(unit, role, sizes)
+        self.title = title
+        self.estimates = [estimate.to(self.unit) for estimate in estimates]
+
+
+def console(width: int | None = None) -> Console:
+    """Return the console for results: wide and plain in a pipe, as wide as the terminal else."""
+    if width is None:
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else PIPE_WIDTH
+    return Console(width=width, highlight=False, soft_wrap=False)
+
+
+def show(
+    analysis: Analysis, comparison: Comparison, out: Console | None = None, *, si: bool = False
+) -> None:
+    """Print findings and tables of an analysis."""
+    out = out or console()
+    for recording, label in zip(analysis.recordings, comparison.labels, strict=True):
+        _findings(recording, label, out)
+    for quantity in IMU_QUANTITIES:
+        rows = [
+            (label, recording.health, axis)
+            for recording, label in zip(analysis.recordings, comparison.labels, strict=True)
+            for axis in recording.of(quantity.name)
+        ]
+        if rows:
+            out.print()
+            _quantity(_TITLES[quantity.name], rows, out, si)
+
+
+def _findings(recording: RecordingResult, label: str, out: Console) -> None:
+    health = recording.health
+    size = f'{duration(health.duration_s)}, {count(health.samples, "sample")}'
+    head = Text.assemble((_clean(label), 'bold'), f'  {size}, {rate_text(health.rate)}')
+    out.print()
+    out.print(head)
+    out.print(Text(f'{_clean(recording.source)}  {_clean(recording.topic)}', style='dim'))
+    if not health.findings:
+        out.print(Text('  nothing found that casts doubt on the numbers', style='dim'))
+    for finding in health.findings:
+        line = Text(finding.severity, style=_COLOURS[finding.severity])
+        line.append(f' {_clean(finding.text)} {finding.effect} ', style='not bold default')
+        line.append(finding.action, style='not bold italic default')
+        out.print(Padding(line, (0, 0, 0, 2)))
+
+
+def _quantity(
+    title: str, rows: Sequence[tuple[str, Health, AxisResult]], out: Console, si: bool
+) -> None:
+    axes = [axis for _, _, axis in rows]
+    columns = [
+        _Column('σ', 'level', [axis.statistics['std'] for axis in axes], si),
+        _Column('RMS', 'level', [axis.statistics['rms'] for axis in axes], si),
+        _Column('noise density', 'density', [axis.noise_density for axis in axes], si),
+        *(_Column(t, t, [getattr(axis.model, t) for axis in axes], si) for t in 'NBK'),
+    ]
+    for with_interval in (True, False):
+        table = _table(title, rows, columns, with_interval)
+        if _fits(table, out):
+            out.print(table)
+            return
+    _stacked(title, rows, columns, out)
+
+
+def _fits(table: Table, out: Console) -> bool:
+    unlimited = out.options.update(width=_UNLIMITED, max_width=_UNLIMITED)
+    return out.measure(table, options=unlimited).maximum <= out.width
+
+
+def _table(
+    title: str,
+    rows: Sequence[tuple[str, Health, AxisResult]],
+    columns: Sequence[_Column],
+    with_interval: bool,
+) -> Table:
+    table = Table(
+        title=Text(title, style='bold'), title_justify='left', box=box.SIMPLE_HEAD,
+        pad_edge=False, padding=(0, 1),
+    )  # fmt: skip
+    table.add_column('sensor')
+    table.add_column('axis')
+    table.add_column('rate\nHz', justify='right', no_wrap=True)
+    for column in columns:
+        title = column.title if with_interval else column.title.replace(' ', '\n')
+        table.add_column(Text(f'{title}\n{column.unit}'), justify='right', no_wrap=True)
+    last = ''
+    for index, (label, health, axis) in enumerate(rows):
+        first = label != last
+        last = label
+        table.add_row(
+            Text(_clean(label) if first else ''),
+            axis.letter,
+            short(health.rate, 5) if first else '',
+            *(
+                value_text(column.estimates[index])
+                if with_interval
+                else short(column.estimates[index])
+                for column in columns
+            ),
+        )
+    return table
+
+
+def _stacked(
+    title: str,
+    rows: Sequence[tuple[str, Health, AxisResult]],
+    columns: Sequence[_Column],
+    out: Console,
+) -> None:
+    """Print one number per line, for terminals too narrow for a table."""
+    out.print(Text(title, style='bold'))
+    for index, (label, _, axis) in enumerate(rows):
+        out.print(Text(f'{_clean(label)} {axis.letter}'))
+        for column in columns:
+            out.print(Text(f'  {column.title:<14}{text(column.estimates[index])}'))
+
+
+def _clean(words: str) -> str:
+    """Return text from a recording without characters that would steer the terminal."""
+    return ''.join(c if c.isprintable() else f'\\x{ord(c):02x}' for c in words)

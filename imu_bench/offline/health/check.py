@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The health check of one recording: every finding, and the facts about its clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.timing import analyse, Gap, Timing
+from imu_bench.offline.axes import axes, Axis
+from imu_bench.offline.health import runs, signals, stamps
+from imu_bench.offline.health.finding import Finding, SEVERITIES, worst
+from imu_bench.offline.health.motion import detect, Motion
+from imu_bench.offline.health.reading import reading_findings
+from imu_bench.offline.health.runs import Numbers
+from imu_bench.offline.notation import number, percent
+from imu_bench.offline.recordings import Recording
+import numpy as np
+import numpy.typing as npt
+
+_SEVERE_MOTION = 0.1  # share of the recording
+_TEMPERATURE_SPAN = 2.0  # K; typical bias drift of consumer parts is 0.01 °/s and 1 mg per K
+
+
+@dataclass(frozen=True, eq=False)
+class Health:
+    """
+    What is to be known about a recording before believing its numbers.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        The severe ones first.
+    samples, stored, left_out : int
+        Analysed; read; read but not a number.
+    announced : int or None
+        Messages according to the metadata.
+    duration_s : float
+        From the first to the last stamp.
+    rate, jitter : Estimate
+        True sample rate in Hz; scatter of the sample intervals in s.
+    gaps : tuple of Gap
+        The longest ones, in the order of time.
+    gap_count : int
+        All of them.
+    missing, duplicates, order_faults : int
+        Samples that the true time grid lacks; stamps that repeat or step back.
+    resolution : mapping of str to Estimate
+        Step between the values of each axis that is quantised.
+    motion : tuple of (float, float)
+        When the sensor moved: begin and end in s after the first sample of the recording.
+    still : tuple of float
+        The longest stretch without motion, counted in the same way.
+    stamp_source, stamp_reason : str
+        Which stamps were used and why.
+    timing : Timing or None
+        The full analysis of the stamps; None when read from JSON.
+    """
+
+    findings: tuple[Finding, ...]
+    samples: int
+    stored: int
+    left_out: int
+    announced: int | None
+    duration_s: float
+    rate: Estimate
+    jitter: Estimate
+    gaps: tuple[Gap, ...]
+    gap_count: int
+    missing: int
+    duplicates: int
+    order_faults: int
+    resolution: Mapping[str, Estimate]
+    motion: tuple[tuple[float, float], ...]
+    still: tuple[float, float]
+    stamp_source: str
+    stamp_reason: str
+    timing: Timing | None = field(default=None, repr=False)
+
+    @property
+    def severity(self) -> str:
+        """The worst severity among the findings."""
+        return worst(self.findings)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON object of schema imu_bench.analysis/1."""
+        return {
+            'severity': self.severity,
+            'findings': [finding.to_json() for finding in self.findings],
+            'samples': self.samples,
+            'stored': self.stored,
+            'left_out': self.left_out,
+            'announced': self.announced,
+            'duration_s': self.duration_s,
+            'rate': self.rate.to_json(),
+            'jitter': self.jitter.to_json(),
+            'gap_count': self.gap_count,
+            'gaps': [
+                {
+                    'index': gap.index,
+                    'start_ns': gap.start_ns,
+                    'duration_s': gap.duration_s,
+                    'missing': gap.missing,
+                }
+                for gap in self.gaps
+            ],
+            'missing': self.missing,
+            'duplicates': self.duplicates,
+            'order_faults': self.order_faults,
+            'resolution': {name: step.to_json() for name, step in self.resolution.items()},
+            'motion_s': [list(interval) for interval in self.motion],
+            'still_s': list(self.still),
+            'stamp_source': self.stamp_source,
+            'stamp_reason': self.stamp_reason,
+        }
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> Health:
+        """Return the health that `to_json` wrote."""
+        plain = (
+            'samples', 'stored', 'left_out', 'announced', 'duration_s', 'gap_count', 'missing',
+            'duplicates', 'order_faults', 'stamp_source', 'stamp_reason',
+        )  # fmt: skip
+        first, last = document['still_s']
+        return cls(
+            **{name: document[name] for name in plain},
+            findings=tuple(Finding(**finding) for finding in document['findings']),
+            rate=Estimate.from_json(document['rate']),
+            jitter=Estimate.from_json(document['jitter']),
+            gaps=tuple(Gap(**gap) for gap in document['gaps']),
+            resolution={n: Estimate.from_json(e) for n, e in document['resolution'].items()},
+            motion=tuple((a, b) for a, b in document['motion_s']),
+            still=(first, last),
+        )
+
+
+def check(
+    recording: Recording,
+    *,
+    problems: Sequence[str] = (),
+    timing: Timing | None = None,
+    origin_ns: int | None = None,
+) -> Health:
+    """
+    Return the health of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        With at least two samples.
+    problems : sequence of str, optional
+        What went wrong while the file was opened and read.
+    timing : Timing, optional
+        The analysis of its stamps, if it exists already.
+    origin_ns : int, optional
+        Stamp from which times are given; the first one of these samples by default.
+
+    Raises
+    ------
+    DataError
+        If the stamps do not give a sample rate.
+
+    Notes
+    -----
+    Tones are found in the spectrum and are added by the analysis, which has it.
+    """
+    timing = analyse(recording.samples.stamps) if timing is None else timing
+    rate = 1.0 / timing.period_s
+    present = list(axes(recording.samples))
+    facts = {axis.name: runs.examine(axis.values) for axis in present}
+    motion = detect(present, rate)
+    stamps_ns = recording.samples.stamps
+    origin = int(stamps_ns[0]) if origin_ns is None else origin_ns
+    when = _clock(stamps_ns, origin)
+    findings = [
+        *reading_findings(recording, problems),
+        *stamps.timing_findings(timing, origin),
+        *stamps.clock_findings(recording),
+        *_signal_findings(recording, present, facts, motion, when),
+    ]
+    first, last = motion.longest_still()
+    return Health(
+        findings=ranked(findings),
+        samples=timing.samples,
+        stored=recording.stored,
+        left_out=recording.left_out,
+        announced=recording.announced,
+        duration_s=timing.duration_s,
+        rate=timing.rate,
+        jitter=timing.jitter,
+        gaps=timing.gaps,
+        gap_count=timing.gap_count,
+        missing=timing.missing,
+        duplicates=timing.duplicates,
+        order_faults=timing.order_faults,
+        resolution={
+            axis.name: Estimate(step, step, step, axis.unit, method='smallest step')
+            for axis in present
+            if (step := facts[axis.name].resolution) is not None
+        },
+        motion=tuple((when(a), when(b)) for a, b in motion.intervals()),
+        still=(when(first), when(last))
+        if motion.moving.any()
+        else (when(0), when(stamps_ns.size)),
+        stamp_source=recording.stamp_source,
+        stamp_reason=recording.stamp_reason,
+        timing=timing,
+    )
+
+
+def ranked(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return findings with the severe ones first."""
+    return tuple(sorted(findings, key=lambda f: -SEVERITIES.index(f.severity)))
+
+
+def _signal_findings(
+    recording: Recording,
+    present: list[Axis],
+    facts: Mapping[str, Numbers],
+    motion: Motion,
+    when: Callable[[int], float],
+) -> Iterator[Finding]:
+    samples = recording.samples
+    yield from signals.constant(facts)
+    yield from signals.stuck(facts, present, when)
+    yield from signals.repeated(samples, facts)
+    yield from signals.saturated(facts, present)
+    yield from signals.coarse(facts, present)
+    yield from signals.spikes(facts, present, motion, when)
+    yield from signals.gravity(samples, motion.size)
+    yield from _motion_finding(motion, when)
+    yield from _temperature_finding(recording)
+
+
+def _clock(stamps_ns: npt.NDArray[np.int64], origin: int) -> Callable[[int], float]:
+    """Return the function from the position of a sample to its time in s."""
+
+    def when(position: int) -> float:
+        return (int(stamps_ns[min(position, stamps_ns.size - 1)]) - origin) * 1e-9
+
+    return when
+
+
+def _motion_finding(motion: Motion, when: Callable[[int], float]) -> Iterator[Finding]:
+    intervals = motion.intervals()
+    if not intervals:
+        return
+    named = ', '.join(f'{number(when(a), 3)} to {number(when(b), 3)} s' for a, b in intervals[:3])
+    more = f' and {len(intervals) - 3} more times' if len(intervals) > 3 else ''
+    first, last = motion.longest_still()
+    advice = 'Record again with the sensor at rest on a solid base.'
+    if last - first > 0.1 * motion.moving.size * motion.size:
+        advice = (
+            f'Analyse the longest still stretch: --start {when(first):.0f} --end {when(last):.0f}.'
+        )
+    yield Finding(
+        'severe' if motion.share > _SEVERE_MOTION else 'warning',
+        'motion',
+        f'The sensor moved {percent(motion.share)} of the time: {named}{more}.',
+        'Noise, bias instability and random walk describe the motion, not the sensor.',
+        advice,
+    )
+
+
+def _temperature_finding(recording: Recording) -> Iterator[Finding]:
+    temperature = recording.samples.temperature
+    if temperature is None or temperature.size < 20:
+        return
+    edge = temperature.size // 20
+    begin, end = float(temperature[:edge].mean()), float(temperature[-edge:].mean())
+    if abs(end - begin) > _TEMPERATURE_SPAN:
+        yield Finding(
+            'info',
+            'temperature',
+            f'The sensor went from {begin:.1f} to {end:.1f} °C.',
+            'Bias drift with temperature appears as rate random walk and ramp.',
+            'Let the sensor warm up as long before the test, in a room without draught.',
+        )

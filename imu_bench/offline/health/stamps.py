@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Findings about the stamps: gaps, duplicates, order, jitter, and the recorder's clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from imu_bench.metrology.timing import Timing
+from imu_bench.offline.health.finding import Finding
+from imu_bench.offline.notation import count, duration, number, percent, text
+from imu_bench.offline.recordings import Recording
+import numpy as np
+
+_FEW_MISSING, _MANY_MISSING = 1e-3, 0.05  # share of the true time grid
+_JITTER, _HEAVY_JITTER = 0.1, 0.5  # of the sample period
+_SHORT_S = 60.0
+_CLOCK_OFFSET_S = 1.0
+_CLOCK_DRIFT = 100e-6  # a crystal is good to 50 ppm; two of them differ by less than this
+
+
+def timing_findings(timing: Timing, origin_ns: int) -> Iterator[Finding]:
+    """Yield what the stamps say about gaps, duplicates, order, jitter and length."""
+    if timing.gaps:
+        share = timing.missing / (timing.missing + timing.samples)
+        severe, some = share > _MANY_MISSING, share > _FEW_MISSING
+        longest = max(timing.gaps, key=lambda gap: gap.duration_s)
+        yield Finding(
+            'severe' if severe else 'warning' if some else 'info',
+            'gaps',
+            f'{count(timing.gap_count, "gap")}, {count(timing.missing, "sample")} missing '
+            f'({percent(share)}); the longest lasts {duration(longest.duration_s)} at '
+            f't = {duration((longest.start_ns - origin_ns) * 1e-9)}.',
+            'Only complete windows are used, so nothing is biased; long averaging times have '
+            'wider intervals.',
+            'Look for an overloaded bus, network or disk; record again if the gaps are not rare.',
+        )
+    if timing.duplicates:
+        share = timing.duplicates / timing.samples
+        yield Finding(
+            'warning' if share > _FEW_MISSING else 'info',
+            'duplicates',
+            f'{count(timing.duplicates, "sample")} ({percent(share)}) wear the stamp of the '
+            'sample before.',
+            'All but the first of each are left out of the analysis.',
+            'Check that the driver stamps every sample, not every transfer.',
+        )
+    if timing.order_faults:
+        yield Finding(
+            'warning',
+            'order',
+            f'{count(timing.order_faults, "stamp")} step back in time.',
+            'These samples are left out; if the clock was set during the test, what follows is '
+            'shifted.',
+            'Use a monotonic clock for stamps, and switch off time synchronisation jumps.',
+        )
+    yield from _regularity(timing)
+
+
+def _regularity(timing: Timing) -> Iterator[Finding]:
+    jitter = (timing.jitter.value or 0.0) / timing.period_s
+    if jitter > _JITTER:
+        yield Finding(
+            'severe' if jitter > _HEAVY_JITTER else 'warning',
+            'jitter',
+            f'Sample intervals scatter by {text(timing.jitter)}, {percent(jitter)} of the period.',
+            'The samples are placed on a regular grid: Allan deviations hold, but tones and the '
+            'upper end of the spectrum are smeared.',
+            'Stamp where the sample is taken (data-ready interrupt, FIFO count), not on arrival.',
+        )
+    if timing.duration_s < _SHORT_S:
+        yield Finding(
+            'info',
+            'short',
+            f'The recording lasts {duration(timing.duration_s)}.',
+            f'Averaging times end at {duration(timing.duration_s / 3.0)}: bias instability and '
+            'rate random walk cannot be seen.',
+            'Record at least 20 minutes for the noise density, several hours for B and K.',
+        )
+
+
+def clock_findings(recording: Recording) -> Iterator[Finding]:
+    """Yield which stamps were used and how the sensor's clock compares with the recorder's."""
+    if recording.stamp_source == 'receive':
+        yield Finding(
+            'warning',
+            'stamps',
+            f'The receive time is used because {recording.stamp_reason}.',
+            'Delays of the transport appear as jitter, and the rate is that of the arrival.',
+            'Make the driver fill header.stamp with the time of measurement.',
+        )
+    stamps, received = recording.samples.stamps, recording.receive_ns
+    if recording.stamp_source != 'header' or received is None or stamps.size < 3:
+        return
+    delay = (received - stamps) * 1e-9
+    span = (stamps[-1] - stamps[0]) * 1e-9
+    if abs(typical := float(np.median(delay))) > _CLOCK_OFFSET_S:
+        direction = 'behind' if typical > 0 else 'ahead of'
+        yield Finding(
+            'info',
+            'clock_offset',
+            f'Header stamps are {duration(abs(typical))} {direction} the receive time.',
+            'None on noise: only differences of stamps are used. Sensors of different clocks do '
+            'not line up.',
+            'Synchronise the clocks (chrony, PTP) before comparing several sensors in time.',
+        )
+    edge = max(1, stamps.size // 10)
+    drift = float(np.median(delay[-edge:]) - np.median(delay[:edge])) / max(0.9 * span, 1e-9)
+    scatter = float(np.std(delay[:edge])) / max(0.9 * span, 1e-9)
+    if span > _SHORT_S and abs(drift) > max(_CLOCK_DRIFT, 3.0 * scatter):
+        yield Finding(
+            'info',
+            'clock_drift',
+            f'Header stamps and receive time drift apart by {number(drift * 1e6, 3)} ppm.',
+            'The rate, and every coefficient per time, is uncertain by that much at most.',
+            'Check which of the two clocks is disciplined.',
+        )

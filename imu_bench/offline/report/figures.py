@@ -1,0 +1,388 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of the report, one function each: results in, a Bokeh model out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+
+from bokeh.layouts import column
+from bokeh.models import (
+    BoxAnnotation,
+    ColumnDataSource,
+    LayoutDOM,
+    MultiLine,
+    Quad,
+    Range1d,
+    Scatter,
+    Text,
+)
+from imu_bench.metrology.noise_model import variance_of
+from imu_bench.metrology.normality import Histogram
+from imu_bench.offline.axis_result import AxisResult
+from imu_bench.offline.notation import number, readable_unit
+from imu_bench.offline.report.chart import (
+    AXIS_COLOURS,
+    AXIS_DASHES,
+    Chart,
+    columns,
+    FAINT,
+    HEIGHT,
+    INK,
+    SENSOR_COLOURS,
+)
+from imu_bench.offline.results import RecordingResult
+from imu_bench.units import convert
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+_TAU, _FREQUENCY = 'averaging time τ in s', 'frequency in Hz'
+_LOW = 200  # px, where the shape says it all
+_TALL = 440  # px, where many sensors share a plot
+_STRIP, _TOOLS, _LABELS = 98, 26, 34  # px: one axis of a time series, its tools, its time axis
+_MARGIN = 1.6  # factor of empty space above and below the data of a logarithmic plot
+_NAMED_TONES = 3
+_HALF_VIEW = 4.0  # factor above and below the middle of a spectrum that is always shown
+
+
+def time_series(axes: Sequence[AxisResult], recording: RecordingResult) -> LayoutDOM:
+    """Return one strip per axis, each about its own mean, with motion shaded."""
+    unit = _level_unit(axes)
+    clock = _time_unit(recording.health.duration_s)
+    strips: list[Chart] = []
+    for axis in axes:
+        first, last = axis is axes[0], axis is axes[-1]
+        strip = Chart(
+            f'time in {clock}' if last else '',
+            f'{axis.letter} in {unit}',
+            height=_STRIP + _TOOLS * first + _LABELS * last,
+            **({} if first else {'x_range': strips[0].figure.x_range, 'toolbar_location': None}),
+        )
+        strip.figure.xaxis.visible = last
+        _trace(strip, axis, unit, clock)
+        for begin, end in recording.health.motion:
+            left, right = convert(begin, 's', clock), convert(end, 's', clock)
+            shade = BoxAnnotation(left=left, right=right, fill_color='#e8a33d', fill_alpha=0.16)
+            strip.figure.add_layout(shade)
+        strips.append(strip)
+    return column(*(strip.finish() for strip in strips), sizing_mode='stretch_width', spacing=0)
+
+
+def allan(axes: Sequence[AxisResult]) -> LayoutDOM:
+    """Return Allan deviation, interval, fitted model and its parts, for all axes of a quantity."""
+    unit = _allan_unit(axes)
+    chart = Chart(_TAU, f'Allan deviation in {unit}', log=True)
+    drawn = [axis for axis in axes if drawable(axis)]
+    for axis in drawn:
+        colour = AXIS_COLOURS[axis.letter]
+        source = _curve(axis, unit)
+        chart.band(source, 'tau', 'low', 'high', colour, axis.letter)
+        chart.line(source, 'tau', 'deviation', axis.letter, color=colour, width=1.8)
+        dots = chart.draw(
+            Scatter(x='tau', y='deviation', size=4, fill_color=colour, line_color=None),
+            source,
+            axis.letter,
+        )
+        chart.hover([dots], _curve_tooltips(axis.letter, unit))
+    for axis in drawn:
+        _model(chart, axis, unit)
+    for axis in drawn:
+        _parts(chart, axis, unit)
+    _fit_view(chart, drawn, unit)
+    return chart.finish()
+
+
+def spectrum(axes: Sequence[AxisResult]) -> LayoutDOM:
+    """Return the amplitude density with the white noise density and the tones marked."""
+    drawn = [axis for axis in axes if axis.psd is not None]
+    unit = _density_unit(axes)
+    chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log=True)
+    for axis in drawn:
+        _density(chart, axis, unit, AXIS_COLOURS[axis.letter], axis.letter, 'solid')
+    for axis in drawn:
+        _white_level(chart, axis, unit)
+    for axis in drawn:
+        _tones(chart, axis, unit)
+    _spectrum_view(chart, drawn, unit)
+    return chart.finish()
+
+
+def histogram(axes: Sequence[AxisResult]) -> LayoutDOM:
+    """Return the distribution of each axis about its mean, and the normal one of the same σ."""
+    unit = _level_unit(axes)
+    chart = Chart(f'deviation from the mean in {unit}', 'relative frequency')
+    chart.figure.yaxis.ticker = []
+    chart.figure.ygrid.visible = False
+    chart.figure.y_range.start = 0
+    for axis in axes:
+        _bars(chart, axis, unit)
+    for axis in axes:
+        _normal(chart, axis, unit)
+    return chart.finish()
+
+
+def intervals(recording: RecordingResult) -> LayoutDOM:
+    """Return the distribution of the intervals between samples."""
+    chart = Chart('interval between samples in ms', 'relative frequency', height=_LOW)
+    chart.figure.yaxis.ticker = []
+    chart.figure.ygrid.visible = False
+    chart.figure.y_range.start = 0
+    found = recording.intervals
+    if found is not None:
+        edges = 1e3 * found.edges
+        source = columns(left=edges[:-1], right=edges[1:], count=found.count / found.count.max())
+        glyph = Quad(
+            left='left', right='right', top='count', bottom=0, fill_color=FAINT, line_color=None
+        )
+        bars = chart.draw(glyph, source)
+        chart.hover([bars], [('interval', '@left{0.000} to @right{0.000} ms')])
+    return chart.finish()
+
+
+def compare_allan(
+    recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
+) -> LayoutDOM:
+    """Return the Allan deviations of all sensors: one colour each, one dash pattern per axis."""
+    rows = [row for row in _of_all(recordings, labels, quantity) if drawable(row[2])]
+    unit = _allan_unit([axis for _, _, axis in rows])
+    chart = Chart(_TAU, f'Allan deviation in {unit}', log=True, height=_TALL)
+    for label, colour, axis in rows:
+        source = _curve(axis, unit)
+        dash = AXIS_DASHES[axis.letter]
+        line = chart.line(source, 'tau', 'deviation', label, color=colour, width=1.5, dash=dash)
+        chart.hover([line], _curve_tooltips(f'{label} {axis.letter}', unit))
+    _fit_view(chart, [axis for _, _, axis in rows], unit)
+    return chart.finish()
+
+
+def compare_spectrum(
+    recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
+) -> LayoutDOM:
+    """Return the amplitude densities of all sensors."""
+    rows = [row for row in _of_all(recordings, labels, quantity) if row[2].psd is not None]
+    unit = _density_unit([axis for _, _, axis in rows])
+    chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log=True, height=_TALL)
+    for label, colour, axis in rows:
+        _density(chart, axis, unit, colour, label, AXIS_DASHES[axis.letter])
+    _spectrum_view(chart, [axis for _, _, axis in rows], unit)
+    return chart.finish()
+
+
+def height_of(model: LayoutDOM) -> int:
+    """Return the height in px that the page must keep free for a figure."""
+    parts = getattr(model, 'children', None)
+    return sum(height_of(part) for part in parts) if parts else int(model.height or HEIGHT)
+
+
+def _time_unit(duration_s: float) -> str:
+    return 's' if duration_s < 600.0 else 'min' if duration_s < 7200.0 else 'h'
+
+
+def _trace(strip: Chart, axis: AxisResult, unit: str, clock: str) -> None:
+    envelope = axis.envelope
+    if envelope is None:
+        return
+    # lowest and highest in turn: at this density the eye sees the filled band of a scope
+    values = np.column_stack([envelope.low, envelope.high]).ravel()
+    centred = (values - (axis.statistics['mean'].value or 0.0)) * convert(1.0, axis.unit, unit)
+    time = np.repeat(envelope.time, 2) * convert(1.0, 's', clock)
+    source = columns(time=time, value=centred)
+    line = strip.line(source, 'time', 'value', '', color=AXIS_COLOURS[axis.letter])
+    strip.hover(
+        [line], [('time', f'@time{{0.000}} {clock}'), (axis.letter, f'@value{{0.000}} {unit}')]
+    )
+
+
+def _bars(chart: Chart, axis: AxisResult, unit: str) -> None:
+    found = axis.histogram
+    if found is None:
+        return
+    edges = _centred_edges(axis, found, unit)
+    glyph = Quad(
+        left='left', right='right', top='share', bottom=0, line_color=None,
+        fill_color=AXIS_COLOURS[axis.letter], fill_alpha=0.22,
+    )  # fmt: skip
+    share = found.count / found.count.sum() / np.diff(edges)
+    bars = chart.draw(glyph, columns(left=edges[:-1], right=edges[1:], share=share), axis.letter)
+    chart.hover([bars], [(axis.letter, f'@left{{0.000}} to @right{{0.000}} {unit}')])
+
+
+def _normal(chart: Chart, axis: AxisResult, unit: str) -> None:
+    found = axis.histogram
+    if found is None:
+        return
+    edges = _centred_edges(axis, found, unit)
+    source = columns(
+        x=0.5 * (edges[1:] + edges[:-1]), y=found.expected / found.count.sum() / np.diff(edges)
+    )
+    chart.line(source, 'x', 'y', 'normal', color=AXIS_COLOURS[axis.letter], width=1.5)
+
+
+def _centred_edges(axis: AxisResult, found: Histogram, unit: str) -> Floats:
+    return (found.edges - (axis.statistics['mean'].value or 0.0)) * convert(1.0, axis.unit, unit)
+
+
+def _curve(axis: AxisResult, unit: str) -> ColumnDataSource:
+    curve, factor = axis.allan, convert(1.0, axis.unit, unit)
+    if curve is None:
+        return columns(tau=[], deviation=[], low=[], high=[], noise=[])
+    return columns(
+        tau=curve.tau,
+        deviation=curve.deviation * factor,
+        low=curve.low * factor,
+        high=curve.high * factor,
+        noise=curve.noise,
+    )
+
+
+def _curve_tooltips(title: str, unit: str) -> list[tuple[str, str]]:
+    return [
+        (title, f'@deviation{{0.0000}} {unit}'),
+        ('interval', '@low{0.0000} to @high{0.0000}'),
+        ('τ', '@tau{0.000} s'),
+        ('noise', '@noise'),
+    ]
+
+
+def _model(chart: Chart, axis: AxisResult, unit: str) -> None:
+    tau = _model_tau(axis)
+    if tau is not None:
+        tau = tau[(tau >= axis.model.tau_low) & (tau <= axis.model.tau_high)]
+        fit = axis.model.deviation(tau) * convert(1.0, axis.unit, unit)
+        source = columns(tau=tau, fit=fit)
+        chart.line(source, 'tau', 'fit', 'fit', color=INK, width=1.2, dash=[6, 3])
+
+
+def _parts(chart: Chart, axis: AxisResult, unit: str) -> None:
+    tau = _model_tau(axis)
+    if tau is None:
+        return
+    factor = convert(1.0, axis.unit, unit)
+    parts = [
+        np.sqrt(variance_of({term: size}, tau)) * factor
+        for term, size in _model_terms(axis).items()
+    ]
+    glyph = MultiLine(xs='tau', ys='part', line_color=AXIS_COLOURS[axis.letter], line_dash=[2, 3])
+    source = columns(tau=np.tile(tau, (len(parts), 1)), part=np.array(parts))
+    chart.draw(glyph, source, 'its parts')
+
+
+def _model_terms(axis: AxisResult) -> Mapping[str, float]:
+    """Return the coefficients of the curve that was fitted: observable or not."""
+    return axis.model.fitted or axis.model.values
+
+
+def _model_tau(axis: AxisResult) -> Floats | None:
+    if axis.allan is None or not _model_terms(axis):
+        return None
+    return np.geomspace(axis.allan.tau[0], axis.allan.tau[-1], 60)
+
+
+def _fit_view(chart: Chart, axes: Sequence[AxisResult], unit: str) -> None:
+    """Keep the data in view: the parts of a model run far below it."""
+    seen = [
+        values[values > 0.0]
+        for axis in axes
+        if (curve := axis.allan) is not None
+        for values in (curve.deviation, curve.low, np.minimum(curve.high, 5.0 * curve.deviation))
+    ]
+    if seen:
+        together = np.concatenate(seen) * convert(1.0, axes[0].unit, unit)
+        low, high = float(together.min()) / _MARGIN, float(together.max()) * _MARGIN
+        chart.figure.y_range = Range1d(low, high)
+
+
+def _spectrum_view(chart: Chart, axes: Sequence[AxisResult], unit: str) -> None:
+    """Show at least a decade: the scatter of a flat spectrum must not look like structure."""
+    seen = [axis.psd.density[axis.psd.density > 0.0] for axis in axes if axis.psd is not None]
+    seen = [density for density in seen if density.size]
+    if seen:
+        together = np.sqrt(np.concatenate(seen)) * convert(1.0, f'{axes[0].unit}/√Hz', unit)
+        middle = float(np.median(together))
+        low = min(float(together.min()) / 1.3, middle / _HALF_VIEW)
+        high = max(float(together.max()) * _MARGIN, middle * _HALF_VIEW)
+        chart.figure.y_range = Range1d(low, high)
+
+
+def _density(
+    chart: Chart, axis: AxisResult, unit: str, colour: str, label: str, dash: str
+) -> None:
+    psd = axis.psd
+    if psd is None:
+        return
+    shown = psd.density > 0.0
+    height = np.sqrt(psd.density[shown]) * convert(1.0, f'{axis.unit}/√Hz', unit)
+    source = columns(frequency=psd.frequency[shown], density=height)
+    line = chart.line(source, 'frequency', 'density', label, color=colour, width=1.3, dash=dash)
+    title = label if label == axis.letter else f'{label} {axis.letter}'
+    chart.hover([line], [(title, f'@density{{0.000}} {unit}'), ('f', '@frequency{0.000} Hz')])
+
+
+def _white_level(chart: Chart, axis: AxisResult, unit: str) -> None:
+    """Draw the noise density that the table gives, over the whole band."""
+    level = axis.noise_density
+    if level.value is None or axis.psd is None:
+        return
+    height = convert(level.value, level.unit, unit)
+    source = columns(x=axis.psd.frequency[[0, -1]], y=np.full(2, height))
+    colour = AXIS_COLOURS[axis.letter]
+    chart.line(source, 'x', 'y', '√2 N', color=colour, width=1.2, dash=[6, 3])
+
+
+def _tones(chart: Chart, axis: AxisResult, unit: str) -> None:
+    if axis.psd is None or not axis.psd.tones:
+        return
+    # the list is in order of amplitude; more names than these cover one another
+    frequency = np.array([f.value or 0.0 for f, _ in axis.psd.tones[:_NAMED_TONES]])
+    top = np.sqrt(np.interp(frequency, axis.psd.frequency, axis.psd.density))
+    source = columns(
+        frequency=frequency,
+        height=1.25 * top * convert(1.0, f'{axis.unit}/√Hz', unit),
+        words=[f'{number(f, 4)} Hz' for f in frequency],
+    )
+    mark = Scatter(
+        x='frequency', y='height', marker='inverted_triangle', size=8, line_color=None,
+        fill_color=AXIS_COLOURS[axis.letter],
+    )  # fmt: skip
+    words = Text(
+        x='frequency', y='height', text={'field': 'words'}, text_font_size='10px',
+        text_color=FAINT, text_align='center', y_offset=-6,
+    )  # fmt: skip
+    chart.hover([chart.draw(mark, source, 'tones')], [('tone', '@words'), ('axis', axis.letter)])
+    chart.draw(words, source)
+
+
+def drawable(axis: AxisResult) -> bool:
+    """Return whether a logarithmic plot can show anything of the deviation."""
+    return axis.allan is not None and bool(np.any(axis.allan.deviation > 0.0))
+
+
+def _of_all(
+    recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
+) -> list[tuple[str, str, AxisResult]]:
+    return [
+        (label, colour, axis)
+        for recording, label, colour in zip(recordings, labels, cycle(SENSOR_COLOURS))
+        for axis in recording.of(quantity)
+    ]
+
+
+def _level_unit(axes: Sequence[AxisResult]) -> str:
+    sizes = [axis.statistics['std'].value for axis in axes]
+    return readable_unit(axes[0].unit, 'level', sizes)
+
+
+def _allan_unit(axes: Sequence[AxisResult]) -> str:
+    if not axes:
+        return '1'
+    typical = [float(np.median(axis.allan.deviation)) for axis in axes if axis.allan is not None]
+    return readable_unit(axes[0].unit, 'level', typical)
+
+
+def _density_unit(axes: Sequence[AxisResult]) -> str:
+    if not axes:
+        return '1'
+    sizes = [axis.noise_density.value for axis in axes]
+    return readable_unit(axes[0].noise_density.unit, 'density', sizes)

@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Draws each figure when it comes near the screen, the others while the browser is idle, so that
+   a page with sixty figures opens at once and still prints complete. */
+(function () {
+  'use strict';
+  const documents = Array.from(document.querySelectorAll('script.figure'));
+  const waiting = new Map(documents.map(function (element) {
+    const item = JSON.parse(element.textContent);
+    return [item.target_id, item];
+  }));
+  const touch = window.matchMedia('(pointer: coarse)').matches;
+
+  function draw(name) {
+    const item = waiting.get(name);
+    if (item === undefined) {
+      return Promise.resolve();
+    }
+    waiting.delete(name);
+    return Bokeh.embed.embed_item(item).then(function (manager) {
+      if (touch && manager) {
+        calm(manager);
+      }
+    });
+  }
+
+  /* On a touch screen a finger must scroll the page, not draw a zoom box. */
+  function calm(manager) {
+    for (const view of manager) {
+      const figures = view.model.children || [view.model];
+      for (const figure of figures) {
+        const model = Array.isArray(figure) ? figure[0] : figure;
+        if (model.toolbar) {
+          model.toolbar.tools.forEach(function (tool) {
+            if (tool.type === 'BoxZoomTool' || tool.type === 'PanTool') {
+              tool.active = false;
+            }
+          });
+        }
+      }
+    }
+  }
+
+  /* One at a time with a pause, so that scrolling stays smooth meanwhile. */
+  function next() {
+    const name = waiting.keys().next().value;
+    if (name !== undefined) {
+      draw(name);
+      setTimeout(next, 40);
+    }
+  }
+
+  const near = new IntersectionObserver(function (entries) {
+    entries.filter(function (entry) { return entry.isIntersecting; }).forEach(function (entry) {
+      near.unobserve(entry.target);
+      draw(entry.target.id);
+    });
+  }, { rootMargin: '600px' });
+  document.querySelectorAll('.plot').forEach(function (place) { near.observe(place); });
+  setTimeout(next, 200);
+  window.addEventListener('beforeprint', function () {
+    Array.from(waiting.keys()).forEach(draw);
+  });
+}());

@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The words and table cells of the report; plain strings, escaped by the template."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.noise_model import TERM_NAMES
+from imu_bench.metrology.spectrum import compare_densities
+from imu_bench.offline.axis_result import AxisResult
+from imu_bench.offline.comparison import Comparison, Standing, Verdict
+from imu_bench.offline.health import Health
+from imu_bench.offline.notation import (
+    count,
+    duration,
+    number,
+    percent,
+    rate_text,
+    readable_unit,
+    short,
+    text,
+    value_text,
+)
+from imu_bench.offline.results import Analysis, RecordingResult
+from imu_bench.samples import IMU_QUANTITIES
+
+SENSOR_NAMES = {'linear_acceleration': 'accelerometer', 'angular_velocity': 'gyroscope'}
+SIGNAL_NAMES = {'linear_acceleration': 'Acceleration', 'angular_velocity': 'Angular velocity'}
+
+
+class Cell(NamedTuple):
+    """One number in a table: in the unit of the column, in SI, and what there is to say."""
+
+    shown: str
+    si: str
+    note: str
+    observable: bool
+
+
+class Column(NamedTuple):
+    """A column of a table: title and unit, and one cell per axis."""
+
+    title: str
+    unit: str
+    cells: list[Cell]
+
+
+def summary(analysis: Analysis, comparison: Comparison) -> list[str]:
+    """Return what the whole run says, a sentence each."""
+    lines = []
+    for quantity, rows in comparison.standings.items():
+        # a sensor that moved is not loud: compare those that can be compared
+        sound = [r for r in rows if analysis.recordings[r.index].health.severity != 'severe']
+        lines.extend(_quietest(SENSOR_NAMES[quantity], sound or rows))
+    lines.append(_health_line(analysis.recordings, comparison.labels))
+    lines.extend(_unseen(analysis.recordings, comparison.labels))
+    return lines
+
+
+def _quietest(sensor: str, rows: Sequence[Standing]) -> list[str]:
+    rows = [row for row in rows if row.noise_density.value is not None]
+    if not rows:
+        return [f'No {sensor} shows white noise.']
+    best = rows[0]
+    unit = readable_unit(best.noise_density.unit, 'density', [best.noise_density.value])
+    value = short(best.noise_density.to(unit))
+    if len(rows) == 1:
+        return [f'{sensor.capitalize()} noise density of {best.label}: {value} {unit}.']
+    last = rows[-1]
+    ratio = (last.noise_density.value or 0.0) / (best.noise_density.value or 1.0)
+    louder = f'{last.label} has {number(ratio, 2)} times as much'
+    return [f'Quietest {sensor}: {best.label} with {value} {unit}; {louder}.']
+
+
+def _health_line(recordings: Sequence[RecordingResult], labels: Sequence[str]) -> str:
+    bad = [
+        f'{label} ({", ".join(f.code.replace("_", " ") for f in severe)})'
+        for recording, label in zip(recordings, labels, strict=True)
+        if (severe := [f for f in recording.health.findings if f.severity == 'severe'])
+    ]
+    if bad:
+        return f'Not to be trusted without reading its findings: {"; ".join(bad)}.'
+    if any(recording.health.severity == 'warning' for recording in recordings):
+        return 'Some findings affect part of the numbers; none makes them worthless.'
+    return 'The recordings are in good health: nothing casts doubt on the numbers.'
+
+
+def _unseen(recordings: Sequence[RecordingResult], labels: Sequence[str]) -> list[str]:
+    """Return one sentence on the coefficients that the recordings were too short for."""
+    missing = {
+        term: [
+            label
+            for recording, label in zip(recordings, labels, strict=True)
+            if recording.axes
+            and all(not getattr(a.model, term).observable for a in recording.axes.values())
+        ]
+        for term in 'BK'
+    }
+    return [
+        f'No {TERM_NAMES[term]} ({term}) was observable in '
+        f'{"any recording" if len(names) == len(labels) else ", ".join(names)}; '
+        'the tables give upper bounds and how long to record.'
+        for term, names in missing.items()
+        if names
+    ]
+
+
+def sensor_words(recording: RecordingResult) -> list[str]:
+    """Return what one recording says, a sentence per quantity."""
+    lines = []
+    for quantity in IMU_QUANTITIES:
+        axes = recording.of(quantity.name)
+        if axes:
+            parts = [part for part in (_density_words(axes), *_term_words(axes)) if part]
+            lines.append(f'{SENSOR_NAMES[quantity.name].capitalize()}: {"; ".join(parts)}.')
+    return lines
+
+
+def _density_words(axes: Sequence[AxisResult]) -> str:
+    seen = [axis for axis in axes if axis.noise_density.value is not None]
+    if not seen:
+        return 'no white noise was found'
+    unit = readable_unit(
+        seen[0].noise_density.unit, 'density', [axis.noise_density.value for axis in seen]
+    )
+    seen.sort(key=lambda axis: axis.noise_density.value or 0.0)
+    low, high = seen[0].noise_density.to(unit), seen[-1].noise_density.to(unit)
+    if short(low) == short(high):
+        return f'noise density {short(low)} {unit}'
+    first, last = seen[0].letter, seen[-1].letter
+    return f'noise density {short(low)} ({first}) to {short(high)} {unit} ({last})'
+
+
+def _term_words(axes: Sequence[AxisResult]) -> list[str]:
+    words = []
+    for term in 'BK':
+        seen = [(getattr(axis.model, term), axis.letter) for axis in axes]
+        observed = [(e, letter) for e, letter in seen if e.value is not None]
+        name = TERM_NAMES[term]
+        if observed:
+            unit = readable_unit(observed[0][0].unit, term, [e.value for e, _ in observed])
+            worst, letter = max(observed, key=lambda row: row[0].value or 0.0)
+            words.append(f'{name} up to {short(worst.to(unit), 2)} {unit} ({letter})')
+        elif any(e.high is not None for e, _ in seen):
+            unit = readable_unit(seen[0][0].unit, term, [e.high for e, _ in seen])
+            bound = max(e.to(unit).high or 0.0 for e, _ in seen)
+            words.append(f'{name} not observable, below {number(bound, 2)} {unit}')
+        else:
+            words.append(f'{name} not observable')
+    return words
+
+
+def health_facts(health: Health) -> list[tuple[str, str]]:
+    """Return the facts about a recording as names and values."""
+    facts = [
+        ('Duration', duration(health.duration_s)),
+        ('Samples', count(health.samples, 'sample')),
+        ('True rate', rate_text(health.rate)),
+        ('Jitter of intervals', _in_time_unit(health.jitter)),
+        ('Missing', _missing(health)),
+    ]
+    if health.announced is not None:
+        facts.append(('Announced / read', f'{health.announced} / {health.stored}'))
+    repeats = health.duplicates + health.order_faults
+    if repeats:
+        facts.append(('Duplicates / order faults', f'{health.duplicates} / {health.order_faults}'))
+    facts.append(('Stamps from', health.stamp_source))
+    return facts
+
+
+def _missing(health: Health) -> str:
+    if not health.missing:
+        return 'none'
+    share = health.missing / (health.missing + health.samples)
+    return (
+        f'{count(health.missing, "sample")} in {count(health.gap_count, "gap")}, {percent(share)}'
+    )
+
+
+def _in_time_unit(estimate: Estimate) -> str:
+    if estimate.value is None:
+        return value_text(estimate)
+    for unit, limit in (('s', 1.0), ('ms', 1e-3), ('µs', 1e-6)):
+        if estimate.value >= limit:
+            return text(estimate, unit)
+    return text(estimate, 'ns')
+
+
+def cell(estimate: Estimate, unit: str) -> Cell:
+    """Return one number of a table."""
+    note = '' if estimate.observable else estimate.reason
+    blank = estimate.unit == unit or (estimate.value is None and estimate.high is None)
+    si = '' if blank else text(estimate)
+    return Cell(value_text(estimate.to(unit)), si, note, estimate.observable)
+
+
+def coefficient_columns(axes: Sequence[AxisResult]) -> list[Column]:
+    """Return the noise table of one quantity: density and coefficients."""
+    columns = [_column('Noise density', 'density', [axis.noise_density for axis in axes])]
+    for term in 'NBKQR':
+        estimates = [getattr(axis.model, term) for axis in axes]
+        if term in 'NBK' or any(e.observable for e in estimates):
+            columns.append(_column(f'{term}, {TERM_NAMES[term]}', term, estimates))
+    return columns
+
+
+def fit_remarks(axes: Sequence[AxisResult]) -> list[str]:
+    """Return why terms have no value, and what the fits want to be known."""
+    said: dict[str, list[str]] = {}
+    for axis in axes:
+        for flag in axis.model.flags:
+            said.setdefault(flag, []).append(axis.letter)
+        for term in 'NBK':
+            estimate = getattr(axis.model, term)
+            if not estimate.observable:
+                said.setdefault(f'{term}: {estimate.reason}', []).append(axis.letter)
+    return [f'{", ".join(letters)} – {remark}.' for remark, letters in said.items()]
+
+
+def statistic_columns(axes: Sequence[AxisResult], health: Health) -> list[Column]:
+    """Return the table of plain statistics of one quantity."""
+    columns = [
+        _column(title, 'level', [axis.statistics[name] for axis in axes])
+        for title, name in (
+            ('Mean', 'mean'),
+            ('σ', 'std'),
+            ('RMS, bias removed', 'rms'),
+            ('Peak to peak', 'peak_to_peak'),
+        )
+        if all(name in axis.statistics for axis in axes)
+    ]
+    steps = [health.resolution.get(axis.name) for axis in axes]
+    if all(step is not None for step in steps):
+        columns.append(_column('Resolution', 'level', [s for s in steps if s is not None]))
+    return columns
+
+
+_METHODS = {
+    'allan': 'Allan deviation, √2 N',
+    'plateau': 'Plateau of the spectrum',
+    'sigma': 'σ over √(half the rate)',
+}
+
+
+def method_columns(axes: Sequence[AxisResult]) -> list[Column]:
+    """Return the noise density as found in different ways."""
+    lost = Estimate.not_observable(axes[0].noise_density.unit, 'not computed')
+    return [
+        _column(title, 'density', [axis.noise_density_methods.get(name, lost) for axis in axes])
+        for name, title in _METHODS.items()
+        if any(name in axis.noise_density_methods for axis in axes)
+    ]
+
+
+def method_verdicts(axes: Sequence[AxisResult]) -> list[str]:
+    """Return why the ways to the noise density disagree, where they do."""
+    said: dict[str, list[str]] = {}
+    for axis in axes:
+        methods = axis.noise_density_methods
+        if all(name in methods for name in _METHODS):
+            found = compare_densities(methods['sigma'], methods['plateau'], methods['allan'])
+            if not found.agree:
+                said.setdefault(found.verdict, []).append(axis.letter)
+    return [f'{", ".join(letters)}: {verdict}.' for verdict, letters in said.items()]
+
+
+def _column(title: str, role: str, estimates: Sequence[Estimate]) -> Column:
+    sizes = [e.value if e.value is not None else e.high for e in estimates]
+    unit = readable_unit(estimates[0].unit, role, sizes)
+    return Column(title, unit, [cell(estimate, unit) for estimate in estimates])
+
+
+class Row(NamedTuple):
+    """One sensor in the comparison table."""
+
+    label: str
+    rate: str
+    density: str
+    ratio: str
+    bias: str
+    walk: str
+    severity: str
+
+
+class Ranking(NamedTuple):
+    """The comparison table of one quantity with the units of its columns."""
+
+    title: str
+    density_unit: str
+    bias_unit: str
+    walk_unit: str
+    rows: list[Row]
+
+
+def rankings(analysis: Analysis, comparison: Comparison) -> list[Ranking]:
+    """Return the comparison tables, the quietest sensor first."""
+    return [
+        _ranking(quantity, rows, analysis.recordings)
+        for quantity, rows in comparison.standings.items()
+    ]
+
+
+def _ranking(
+    quantity: str, rows: Sequence[Standing], recordings: Sequence[RecordingResult]
+) -> Ranking:
+    axes = [recordings[row.index].of(quantity) for row in rows]
+    flat = [axis for group in axes for axis in group]
+
+    def unit_of(role: str, estimates: Sequence[Estimate]) -> str:
+        sizes = [e.value if e.value is not None else e.high for e in estimates]
+        return readable_unit(estimates[0].unit, role, sizes)
+
+    density = unit_of('density', [axis.noise_density for axis in flat])
+    bias = unit_of('B', [axis.model.B for axis in flat])
+    walk = unit_of('K', [axis.model.K for axis in flat])
+    return Ranking(
+        SENSOR_NAMES[quantity].capitalize(),
+        density,
+        bias,
+        walk,
+        [
+            Row(
+                row.label,
+                short(recordings[row.index].health.rate, 4),
+                ' / '.join(short(axis.noise_density.to(density)) for axis in group),
+                '–' if row.ratio.value is None else f'{number(row.ratio.value, 3)}×',
+                ' / '.join(short(axis.model.B.to(bias), 2) for axis in group),
+                ' / '.join(short(axis.model.K.to(walk), 2) for axis in group),
+                recordings[row.index].health.severity,
+            )
+            for row, group in zip(rows, axes, strict=True)
+        ],
+    )
+
+
+class Judgement(NamedTuple):
+    """One line of the comparison with the datasheet."""
+
+    label: str
+    axis: str
+    parameter: str
+    measured: str
+    typical: str
+    ratio: str
+    verdict: str
+    source: str
+
+
+def judgements(verdicts: Sequence[Verdict]) -> list[Judgement]:
+    """Return the lines of the datasheet table."""
+    lines = []
+    for verdict in verdicts:
+        measured = verdict.measured
+        role = 'density' if verdict.parameter == 'noise density' else 'B'
+        unit = readable_unit(measured.unit, role, [verdict.typical])
+        typical = Estimate(verdict.typical, None, None, measured.unit).to(unit).value or 0.0
+        ratio = measured.value and measured.value / verdict.typical
+        lines.append(
+            Judgement(
+                verdict.label,
+                verdict.axis,
+                verdict.parameter,
+                text(measured, unit),
+                f'{number(typical, 3)} {unit}',
+                f'{number(ratio, 2)}×' if ratio else '–',
+                verdict.verdict,
+                verdict.source,
+            )
+        )
+    return lines

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command: verbs, exit codes, and errors of one line."""
+
+import os
+import subprocess
+import sys
+
+from imu_bench import __version__
+from imu_bench.cli import main as entry
+from imu_bench.errors import RecordingError
+import pytest
+
+
+@pytest.fixture
+def verb(monkeypatch):
+    """Return a function that makes the command run something."""
+
+    def install(action):
+        def build():
+            parser = original()
+            parser.set_defaults(run=lambda arguments: action())
+            return parser
+
+        monkeypatch.setattr(entry, 'build_parser', build)
+
+    original = entry.build_parser
+    return install
+
+
+def raises(error):
+    def action():
+        raise error
+
+    return action
+
+
+def test_help_names_the_verbs(imu_bench):
+    code, out, _ = imu_bench('--help')
+    assert code == 0
+    assert 'analyze' in out
+
+
+def test_version(imu_bench):
+    assert imu_bench('--version') == (0, f'imu-bench {__version__}\n', '')
+
+
+@pytest.mark.parametrize('arguments', [(), ('fly',), ('analyze',), ('analyze', 'x', '--tau', 'a')])
+def test_wrong_usage(imu_bench, arguments):
+    assert imu_bench(*arguments)[0] == 2
+
+
+def test_help_imports_nothing_heavy():
+    script = (
+        'import sys\n'
+        'from imu_bench.cli.main import build_parser\n'
+        'build_parser().format_help()\n'
+        "print([m for m in ('numpy', 'scipy', 'bokeh', 'rich', 'rosbags', 'rclpy') "
+        'if m in sys.modules])'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == '[]\n'
+
+
+@pytest.mark.parametrize(
+    ('error', 'code', 'line'),
+    [
+        (RecordingError('x.bag: cut\noff'), 1, 'imu-bench: error: x.bag: cut off\n'),
+        (
+            PermissionError(13, 'Permission denied', '/root/r.html'),
+            1,
+            'imu-bench: error: /root/r.html: Permission denied\n',
+        ),
+        (
+            OSError(28, 'No space left on device'),
+            1,
+            'imu-bench: error: No space left on device\n',
+        ),
+        (RecordingError('\x1b[31mred'), 1, 'imu-bench: error: \\x1b[31mred\n'),
+        (KeyboardInterrupt(), 130, 'imu-bench: stopped\n'),
+    ],
+)
+def test_an_error_is_one_line(imu_bench, verb, error, code, line):
+    verb(raises(error))
+    assert imu_bench() == (code, '', line)
+
+
+def run_with(encoding, *arguments):
+    return subprocess.run(
+        [sys.executable, '-m', 'imu_bench.cli.main', *map(str, arguments)],
+        capture_output=True, text=True, timeout=60, check=False,
+        env=os.environ | {'PYTHONIOENCODING': encoding, 'COLUMNS': '100'},
+    )  # fmt: skip
+
+
+def test_a_pipe_that_knows_no_greek(write_csv):
+    done = run_with('ascii', 'analyze', write_csv())
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ''
+    assert 'noise density' in done.stdout
+
+
+def test_a_reader_that_leaves_early_is_no_crash(write_csv):
+    command = f'"{sys.executable}" -m imu_bench.cli.main analyze "{write_csv()}" | head -1'
+    done = subprocess.run(
+        command, shell=True, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stderr == ''
+
+
+def test_a_bug_is_not_hidden(verb):
+    verb(raises(ZeroDivisionError()))
+    with pytest.raises(ZeroDivisionError):
+        entry.main([])

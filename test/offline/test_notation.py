@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers keep their value and their uncertainty when they are written down."""
+
+import re
+
+from hypothesis import given
+from hypothesis import strategies as st
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.offline import notation
+import pytest
+
+NUMBERS = st.floats(min_value=-1e12, max_value=1e12, allow_nan=False).filter(
+    lambda x: x == 0 or abs(x) > 1e-15
+)
+HALVES = st.floats(min_value=1e-12, max_value=1e9)
+
+
+def plain(text):
+    """Return a number as Python reads it."""
+    power = re.search(r'×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)', text)
+    digits = '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'
+    exponent = ''.join('-0123456789'[digits.index(c)] for c in power[1]) if power else '0'
+    return [
+        float(n) * 10.0 ** int(exponent) for n in re.findall(r'-?\d+\.?\d*', text.split('×')[0])
+    ]
+
+
+@given(NUMBERS)
+def test_four_digits_are_kept(value):
+    assert plain(notation.number(value)) == [pytest.approx(value, rel=6e-4)]
+
+
+@given(NUMBERS, HALVES)
+def test_value_and_half_width(value, half):
+    shown = notation.value_text(Estimate(value, value - half, value + half, 'g'))
+    if value - half == value or value + half == value:
+        return  # below the resolution of a float
+    numbers = plain(shown)
+    assert numbers[0] == pytest.approx(value, abs=0.06 * half + 1e-9 * abs(value))
+    if '±' in shown:
+        assert numbers[1] == pytest.approx(half, rel=0.06, abs=1e-9 * abs(value))
+
+
+def test_an_interval_that_is_not_symmetric_is_written_out():
+    shown = notation.value_text(Estimate(3.0e-4, 1.0e-4, 9.0e-4, 'g'))
+    assert plain(shown) == pytest.approx([3e-4, 1e-4, 9e-4], rel=0.01)
+    assert 'to' in shown
+
+
+@pytest.mark.parametrize(
+    ('unit', 'role', 'value', 'expected'),
+    [
+        ('m/s²', 'level', 0.03, 'mg'),
+        ('m/s²', 'level', 3e-4, 'µg'),
+        ('rad/s', 'level', 1e-3, 'm°/s'),
+        ('rad/s', 'level', 0.1, '°/s'),
+        ('rad/s/√Hz', 'density', 1e-4, 'm°/s/√Hz'),
+        ('rad/s/√Hz', 'N', 1e-4, '°/√h'),
+        ('rad/s', 'B', 1e-5, '°/h'),
+        ('m/s³/√Hz', 'K', 1e-5, 'µg/√h'),
+        ('°C', 'level', 20.0, '°C'),
+    ],
+)
+def test_units_are_those_of_datasheets(unit, role, value, expected):
+    assert notation.readable_unit(unit, role, [value, None]) == expected

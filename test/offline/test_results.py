@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The JSON document: fixed names, estimates everywhere, and nothing lost on the way back."""
+
+import json
+
+from imu_bench.errors import RecordingError
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.offline import results
+from imu_bench.offline.analyse import analyse, Settings
+from imu_bench.offline.results import Analysis, Failure
+from imu_bench.samples import Samples
+import numpy as np
+import pytest
+
+# fixed: users and scripts depend on these names
+AXIS_NUMBERS = ('mean', 'std', 'rms', 'noise_density')
+ALLAN_ARRAYS = ('tau', 'deviation', 'low', 'high', 'noise_type')
+COEFFICIENTS = ('N', 'B', 'K')
+
+
+@pytest.fixture(scope='module')
+def analysis(recording_of, noise):
+    samples = noise(n=20_000)
+    cut = np.flatnonzero((np.arange(20_000) < 5000) | (np.arange(20_000) >= 5100))
+    gappy = Samples(samples.stamps[cut], samples.acceleration[cut])
+    settings = Settings()
+    return Analysis(
+        (analyse(recording_of(samples)), analyse(recording_of(gappy, topic='/other'))),
+        (Failure('broken.bag', 'cut off'),),
+        settings.to_json(),
+    )
+
+
+def test_fixed_names(analysis):
+    document = analysis.to_json()
+    assert document['schema'] == 'imu_bench.analysis/1'
+    first = document['recordings'][0]
+    assert first['source'] == 'night.mcap'
+    assert first['topic'] == '/bench/chip/imu/data_raw'
+    assert set(first['axes']) == {
+        f'{quantity}.{letter}'
+        for quantity in ('linear_acceleration', 'angular_velocity')
+        for letter in 'xyz'
+    }
+    axis = first['axes']['angular_velocity.z']
+    assert axis['unit'] == 'rad/s'
+    for name in AXIS_NUMBERS:
+        assert Estimate.from_json(axis[name]).observable
+    for name in COEFFICIENTS:
+        Estimate.from_json(axis['coefficients'][name])
+    sizes = {len(axis['allan'][name]) for name in ALLAN_ARRAYS}
+    assert len(sizes) == 1
+    assert axis['allan']['noise_type'][0] == 'white'
+    assert first['health']['rate']['unit'] == 'Hz'
+
+
+def test_round_trip(analysis, tmp_path):
+    path = tmp_path / 'result.json'
+    results.write(analysis, path)
+    again = results.read(path)
+    assert again.to_json() == analysis.to_json()
+    assert again.recordings[1].health.missing == 100
+    curve = again.recordings[0].axes['linear_acceleration.x'].allan
+    np.testing.assert_array_equal(
+        curve.deviation, analysis.recordings[0].axes['linear_acceleration.x'].allan.deviation
+    )
+
+
+def test_it_is_strict_json(analysis, tmp_path):
+    path = tmp_path / 'result.json'
+    results.write(analysis, path)
+
+    def refuse(name):
+        raise AssertionError(f'{name} is not JSON')
+
+    json.loads(path.read_text(encoding='utf-8'), parse_constant=refuse)
+
+
+@pytest.mark.parametrize(
+    ('content', 'words'),
+    [
+        ('{', 'not a JSON document'),
+        ('[]', 'schema None'),
+        ('{"schema": "imu_bench.analysis/9"}', 'imu_bench.analysis/9'),
+        ('{"schema": "imu_bench.analysis/1"}', 'damaged'),
+    ],
+)
+def test_refuses_what_is_not_a_result(tmp_path, content, words):
+    path = tmp_path / 'result.json'
+    path.write_text(content)
+    with pytest.raises(RecordingError, match=words):
+        results.read(path)
