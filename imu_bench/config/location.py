@@ -7,7 +7,39 @@ from collections.abc import Iterator
 from pathlib import Path
 import sys
 
+from imu_bench.config.schema import suggestion
 from imu_bench.errors import ConfigError
+
+_ONE_OF = {'benches': 'bench', 'scenarios': 'scenario', 'sensors': 'sensor'}
+
+
+def named_file(folder: str, name: str) -> Path:
+    """
+    Return a file of one of the package's folders by its short name, or a user's own by its path.
+
+    Parameters
+    ----------
+    folder : str
+        'benches', 'scenarios' or 'sensors'.
+    name : str
+        Such as 'machine_vibration', or the path of a .yaml file.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file; the text says what there is.
+
+    Examples
+    --------
+    >>> named_file('benches', 'machine_vibration').name
+    'machine_vibration.yaml'
+    """
+    if name.endswith('.yaml'):
+        return config_file(name)
+    known = {path.stem: path for root in _folders() for path in (root / folder).glob('*.yaml')}
+    if name not in known:
+        raise ConfigError(f'no {_ONE_OF[folder]} {name!r}; {suggestion(name, known)}')
+    return config_file(f'{folder}/{name}.yaml')
 
 
 def config_file(name: str) -> Path:

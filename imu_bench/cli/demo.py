@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`imu-bench demo`: a whole bench on emulated sensors, live, recorded, then analysed."""
+
+from __future__ import annotations
+
+import argparse
+from datetime import datetime
+import os
+from pathlib import Path
+import sys
+from typing import TYPE_CHECKING
+
+from imu_bench.errors import ConfigError, NotReady
+
+if TYPE_CHECKING:
+    from imu_bench.config import BenchConfig
+    from imu_bench.nodes.bench_monitor import BenchMonitor
+    from imu_bench.nodes.processes import BenchProcesses
+
+UP_WITHIN_S = 60.0
+"""How long the nodes may take to come up; a busy two-core machine needs some 20 s."""
+
+
+def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser(
+        'demo', help='run a bench of emulated sensors under ROS 2, record it, analyse it'
+    )
+    parser.add_argument(
+        'bench', nargs='?', default='machine_vibration', help='a bench of config/benches or a YAML'
+    )
+    parser.add_argument(
+        '--duration', type=_seconds, default=60.0, metavar='S', help='seconds (default 60)'
+    )
+    parser.add_argument(
+        '-o', '--output', type=Path, metavar='DIR', help='where to write (default demo_<time>)'
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the demo; return 0 when every sensor gave data and the analysis succeeded."""
+    from imu_bench.bench import load_bench
+    from imu_bench.config.location import config_file
+    from imu_bench.nodes.spinning import INSTALL
+
+    try:
+        import rclpy  # noqa: F401  (late: it may be missing)
+    except ModuleNotFoundError as error:
+        raise NotReady(INSTALL) from error
+    name = args.bench if args.bench.endswith('.yaml') else f'benches/{args.bench}.yaml'
+    bench = load_bench(config_file(name))
+    folder = _new_folder(args.output)
+    environment = _environment(folder)
+    print(
+        f'{bench.title or bench.name}: {len(bench.sensors)} emulated sensors, {args.duration:g} s'
+    )
+    print(
+        f'on ROS_DOMAIN_ID={environment["ROS_DOMAIN_ID"]}, this machine only; '
+        f'recording into {folder}/bag'
+    )
+    monitor = _live(bench, folder, environment, args.duration)
+    silent = _verdicts(monitor)
+    return max(_analyse(folder), silent)
+
+
+def _seconds(text: str) -> float:
+    """Return a duration that is worth a demo."""
+    value = float(text)
+    if not 1.0 <= value <= 7 * 86400.0:
+        raise argparse.ArgumentTypeError(f'{text} s is not between 1 s and a week')
+    return value
+
+
+def _new_folder(wanted: Path | None) -> Path:
+    folder = wanted or Path(f'demo_{datetime.now():%Y%m%d_%H%M%S}')
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ConfigError(f'{folder}: exists and is not empty; name another folder with -o')
+    (folder / 'log').mkdir(parents=True)
+    return folder
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    """Return the environment of the nodes: on this machine only, in a domain of their own."""
+    environment = dict(os.environ)
+    environment.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    # 0 to 101 are safe on Linux (ROS 2 documentation, "The ROS_DOMAIN_ID")
+    environment.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    environment.setdefault('ROS_LOG_DIR', str((folder / 'log').resolve()))
+    # one thread each: the sensors share the cores, and numpy's pools would only fight
+    environment.update(OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
+    for key in ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_DOMAIN_ID', 'ROS_LOG_DIR'):
+        os.environ[key] = environment[key]
+    return environment
+
+
+def _live(
+    bench: BenchConfig, folder: Path, environment: dict[str, str], duration_s: float
+) -> BenchMonitor:
+    """Run the nodes for a while, whatever ends it; return what the monitor saw."""
+    from imu_bench.cli.live import show
+    from imu_bench.nodes.bench_monitor import BenchMonitor
+    from imu_bench.nodes.processes import BenchProcesses
+
+    processes = BenchProcesses(folder / 'log', environment)
+    sensors = [sensor.name for sensor in bench.sensors]
+    try:
+        _start(bench, folder, processes)
+        with BenchMonitor(sensors) as monitor:
+            try:
+                show(monitor, processes, UP_WITHIN_S, duration_s)
+            except KeyboardInterrupt:
+                print('stopping', file=sys.stderr)
+            return monitor
+    finally:
+        # the recorder last: it writes down what the others say as they go
+        for group in (sensors, ['analysis'], ['recorder']):
+            for name in processes.stop(group):
+                print(
+                    f'{name} did not stop and was killed: {processes.log(name)}', file=sys.stderr
+                )
+
+
+def _start(bench: BenchConfig, folder: Path, processes: BenchProcesses) -> None:
+    import yaml
+
+    recorder = {'output': str((folder / 'bag').resolve()), 'storage': bench.recorder.storage}
+    analysis = {'window_s': bench.analysis.window_s, 'confidence': bench.analysis.confidence}
+    for name, settings in (('recorder', recorder), ('analysis', analysis)):
+        arguments = [f'{key}:={value}' for key, value in settings.items()]
+        flags = [flag for argument in arguments for flag in ('-p', argument)]
+        processes.start(name, f'imu_bench.nodes.{name}_node', ['--ros-args', *flags])
+    for sensor in bench.sensors:
+        own = folder / 'log' / f'{sensor.name}.yaml'
+        settings = {'/**': {'ros__parameters': dict(bench.overrides[sensor.name])}}
+        own.write_text(yaml.safe_dump(settings), encoding='utf-8')
+        files = ['--params-file', str(bench.files[sensor.name])]
+        if bench.overrides[sensor.name]:
+            files += ['--params-file', str(own)]
+        processes.start(
+            sensor.name,
+            'imu_bench.nodes.sensor_node',
+            ['--ros-args', *files, '-r', f'__ns:={sensor.namespace}'],
+        )
+
+
+def _verdicts(monitor: BenchMonitor) -> int:
+    """Say of every sensor whether it kept its rate; return 1 if one gave no data at all."""
+    print()
+    for sensor in monitor.sensors.values():
+        print(f'{sensor.name}: {sensor.verdict}')
+    print()
+    return int(not all(sensor.publishing for sensor in monitor.sensors.values()))
+
+
+def _analyse(folder: Path) -> int:
+    from imu_bench.cli.main import main
+
+    report = folder / 'report.html'
+    outputs = ['--html', str(report), '--json', str(folder / 'results.json')]
+    code = main(['analyze', str(folder / 'bag'), *outputs])
+    if code == 0:
+        print(f'report: {report.resolve()}')
+    return code

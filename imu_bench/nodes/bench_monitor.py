@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a running bench says of itself: diagnostics and noise figures, by sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import math
+import threading
+from types import TracebackType
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3Stamped
+from imu_bench.samples import IMU_QUANTITIES
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.utilities import try_shutdown
+
+RATE_TOLERANCE = 0.01
+"""Share of its rate that a sensor may miss and still be said to keep it."""
+
+
+@dataclass
+class SensorView:
+    """The latest that one sensor's node and the analysis node said of it."""
+
+    name: str
+    level: int = 3
+    message: str = 'has not been heard of'
+    values: dict[str, str] = field(default_factory=dict)
+    noise: dict[str, float] = field(default_factory=dict)
+    """Mean one-sided noise density of the axes there are, SI, by quantity."""
+
+    def number(self, key: str) -> float:
+        """Return a diagnostic value as a number; NaN when there is none."""
+        try:
+            return float(self.values[key].split()[0])
+        except (KeyError, ValueError, IndexError):
+            return math.nan
+
+    @property
+    def publishing(self) -> bool:
+        """Whether samples have arrived."""
+        return self.number('samples') > 0
+
+    @property
+    def kept_rate(self) -> bool:
+        """Whether everything the chip made has arrived so far."""
+        nominal, delivered = self.number('nominal_hz'), self.number('delivered_hz')
+        true = self.number('rate_hz')
+        expected = nominal if math.isnan(true) else true
+        return self.number('lost') == 0 and delivered >= (1 - RATE_TOLERANCE) * expected
+
+    @property
+    def verdict(self) -> str:
+        """Say in words whether the sensor kept its rate."""
+        if not self.publishing:
+            return f'gave no data: {self.message}'
+        seen = f'{self.number("delivered_hz"):.1f} of {self.number("nominal_hz"):.0f} Hz'
+        if self.kept_rate:
+            return f'kept its rate ({seen}), nothing lost'
+        return f'did NOT keep its rate: {seen}, {self.values.get("lost", "?")} samples lost'
+
+
+class BenchMonitor:
+    """
+    Listens to a bench in a thread of its own; use as a context manager.
+
+    Parameters
+    ----------
+    sensors : list of str
+        Names of the sensors, last part of their namespaces below /bench.
+    """
+
+    def __init__(self, sensors: list[str]) -> None:
+        self.sensors = {name: SensorView(name) for name in sensors}
+
+    def __enter__(self) -> BenchMonitor:
+        rclpy.init()
+        self._node = rclpy.create_node('bench_monitor')
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnostics, 10)
+        for name in self.sensors:
+            for quantity in IMU_QUANTITIES:
+                topic = f'/bench/{name}/imu/noise_density/{quantity.name}'
+                self._node.create_subscription(
+                    Vector3Stamped, topic, self._listener(name, quantity.name), 10
+                )
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._spin, name='bench monitor', daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._executor.shutdown()
+        try_shutdown()
+        self._thread.join(5.0)
+        self._node.destroy_node()
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            return
+
+    def _diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            view = self.sensors.get(status.name.partition(':')[0].rpartition('/')[2])
+            if view is not None and status.name.endswith('acquisition'):
+                view.level = status.level[0]
+                view.message = status.message
+                view.values = {pair.key: pair.value for pair in status.values}
+
+    def _listener(self, name: str, quantity: str):
+        def listen(message: Vector3Stamped) -> None:
+            vector = (message.vector.x, message.vector.y, message.vector.z)
+            axes = [value for value in vector if not math.isnan(value)]
+            if axes:
+                self.sensors[name].noise[quantity] = sum(axes) / len(axes)
+
+        return listen
