@@ -43,6 +43,8 @@ setup(
         'scipy>=1.11',
         'PyYAML>=6.0',
         'rosbags>=0.11',
+        'lz4>=4',
+        'backports.zstd>=1; python_version < "3.14"',
         'bokeh>=3.4',
         'rich>=13',
         'smbus2>=0.4; sys_platform == "linux"',

@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS 2 bag: its storage files in order, what its metadata announces, and whether they agree."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+import re
+import shutil
+from tempfile import mkdtemp
+import weakref
+
+from imu_bench.bags import mcap_records, metadata, sqlite
+from imu_bench.bags.block import Block, Channel, join, Storage
+from imu_bench.bags.compression import expand, expand_file, ZSTD_MAGIC
+from imu_bench.bags.mcap import McapFile
+from imu_bench.bags.metadata import Announcement
+from imu_bench.errors import RecordingError
+
+_SPLIT = re.compile(r'^(?P<stem>.*?)(?:_(?P<number>\d+))?(?P<suffix>\.(?:db3|mcap)(?:\.zstd)?)$')
+
+
+class Bag:
+    """
+    A bag of ROS 2: a folder with or without metadata, or a single storage file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    files : tuple of Path
+        The storage files that are read, in order.
+    storages : tuple of Storage
+    announcement : Announcement or None
+    format : str
+        'rosbag2 mcap', 'rosbag2 sqlite3' or both.
+    channels : tuple of Channel
+    counts : dict of str to int
+        Messages stored by topic.
+
+    Raises
+    ------
+    RecordingError
+        If it is no bag, or none of its files can be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._problems: list[str] = []
+        self._folder: Path | None = None
+        self._cleaning: weakref.finalize[..., Bag] | None = None
+        self.announcement = self._announcement()
+        self.files = self._files()
+        opened = [self._try_open(file) for file in self.files]
+        storages = [storage for storage in opened if not isinstance(storage, RecordingError)]
+        failures = [failure for failure in opened if isinstance(failure, RecordingError)]
+        if not storages:
+            raise failures[0]
+        self._problems.extend(f'not read: {failure}' for failure in failures)
+        self.storages: tuple[Storage, ...] = tuple(storages)
+        self.channels: tuple[Channel, ...] = tuple(
+            dict.fromkeys(channel for storage in storages for channel in storage.channels)
+        )
+        self.counts: dict[str, int] = self._count()
+        kinds = dict.fromkeys(
+            'mcap' if isinstance(storage, McapFile) else 'sqlite3' for storage in storages
+        )
+        self.format = 'rosbag2 ' + ' and '.join(kinds)
+        self._compare()
+
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with the bag, as far as it has been read."""
+        return self._problems + [line for storage in self.storages for line in storage.problems]
+
+    def blocks(self, topics: Collection[str]) -> Iterator[Block]:
+        """Yield the messages of some topics, file after file, decompressed."""
+        for storage in self.storages:
+            for block in storage.blocks(topics):
+                # no serialized message begins like this, whatever the metadata says
+                packed = bytes(memoryview(block.buffer)[block.offsets[0] :][:4]) == ZSTD_MAGIC
+                yield self._unpacked(block) if packed else block
+
+    def close(self) -> None:
+        """Give temporary files back; the bag cannot be read afterwards."""
+        for storage in self.storages:
+            storage.close()
+        if self._cleaning is not None:
+            self._cleaning()
+
+    # --- which files -------------------------------------------------------------------
+
+    def _announcement(self) -> Announcement | None:
+        file = self.path / metadata.FILE_NAME
+        if not self.path.is_dir():
+            return None
+        if not file.is_file():
+            self._problems.append(
+                'no metadata.yaml: the recorder did not close the bag; the files are scanned'
+            )
+            return None
+        try:
+            found = metadata.read(file)
+        except (RecordingError, OSError) as problem:
+            self._problems.append(f'{problem}; the files are scanned')
+            return None
+        if found.version > metadata.NEWEST_VERSION:
+            self._problems.append(
+                f'metadata version {found.version} is newer than {metadata.NEWEST_VERSION}'
+            )
+        return found
+
+    def _files(self) -> tuple[Path, ...]:
+        if not self.path.is_dir():
+            return (self.path,)
+        present = {file.name: file for file in self.path.iterdir() if kind(file)}
+        if not present:
+            raise RecordingError(
+                f'{self.path}: no bag in this folder: it holds no .mcap or .db3 file'
+            )
+        listed = self.announcement.files if self.announcement is not None else ()
+        found = [present[name] for name in listed if name in present]
+        missing = [name for name in listed if name not in present]
+        if missing:
+            self._problems.append(
+                f'files named in metadata.yaml are missing: {", ".join(missing)}'
+            )
+        if found:
+            later = _continuations(found, present)
+            if later:
+                self._problems.append(
+                    'metadata.yaml does not name these later parts, which are read all the same: '
+                    + ', '.join(file.name for file in later)
+                )
+            return (*found, *later)
+        return only_recording(self.path, list(present.values()))
+
+    def _try_open(self, file: Path) -> Storage | RecordingError:
+        try:
+            return self._open(file)
+        except RecordingError as problem:
+            return problem
+        except OSError as problem:
+            return RecordingError(f'{file}: cannot be read: {problem.strerror}')
+
+    def _open(self, file: Path) -> Storage:
+        plain = file
+        if _magic(file).startswith(ZSTD_MAGIC):
+            plain = self._temporary() / file.name.removesuffix('.zstd')
+            if not expand_file(file, plain):
+                self._problems.append(f'{file.name}: damaged or cut off: read up to the damage')
+            if not kind(plain):
+                raise RecordingError(f'{file}: damaged: nothing in it can be decompressed')
+        return sqlite.SqliteFile(plain) if kind(plain) == 'sqlite3' else McapFile(plain)
+
+    def _temporary(self) -> Path:
+        if self._folder is None:
+            self._folder = Path(mkdtemp(prefix='imu_bench_'))
+            self._cleaning = weakref.finalize(
+                self, shutil.rmtree, self._folder, ignore_errors=True
+            )
+        return self._folder
+
+    # --- what is in them -----------------------------------------------------------------
+
+    def _count(self) -> dict[str, int]:
+        """Return the messages stored by topic; as announced if the totals agree."""
+        announced = self.announcement
+        if (
+            announced is not None
+            and announced.counts.keys() >= {channel.topic for channel in self.channels}
+            and sum(announced.counts.values())
+            == sum(storage.message_count for storage in self.storages)
+        ):
+            return announced.counts
+        counts: Counter[str] = Counter()
+        for storage in self.storages:
+            counts.update(storage.counts)
+        return dict(counts)
+
+    def _compare(self) -> None:
+        """Report where the metadata announces something else than is stored."""
+        if self.announcement is None:
+            return
+        for topic, announced in self.announcement.counts.items():
+            stored = self.counts.get(topic, 0)
+            if stored != announced:
+                self._problems.append(
+                    f'metadata.yaml announces {announced} messages on {topic}, {stored} are stored'
+                )
+        for topic, stored in self.counts.items():
+            if stored and topic not in self.announcement.counts:
+                self._problems.append(
+                    f'metadata.yaml does not name {topic}, on which {stored} messages are stored'
+                )
+        for channel in self.channels:
+            announced_as = self.announcement.serializations.get(channel.topic)
+            if announced_as and announced_as != channel.serialization:
+                self._problems.append(
+                    f'metadata.yaml says {channel.topic} is serialized as {announced_as}, '
+                    f'the storage says {channel.serialization}'
+                )
+
+    def _unpacked(self, block: Block) -> Block:
+        """Decompress messages that are compressed one by one."""
+        blobs = [_expanded(blob) for blob in block.blobs()]
+        kept = [index for index, blob in enumerate(blobs) if blob is not None]
+        if len(kept) < len(blobs):
+            line = f'damaged compressed messages on {block.channel.topic} were skipped'
+            if line not in self._problems:
+                self._problems.append(line)
+        whole = [blob for blob in blobs if blob is not None]
+        return join(block.channel, block.receive_ns[kept], whole)
+
+
+def _expanded(blob: bytes) -> bytes | None:
+    """Return a decompressed message, None if it is damaged."""
+    try:
+        return bytes(expand(blob, 'zstd'))
+    except RecordingError:
+        return None
+
+
+def is_bag_folder(folder: Path) -> bool:
+    """Return whether a folder holds storage files or metadata of a bag."""
+    return (folder / metadata.FILE_NAME).is_file() or any(kind(file) for file in folder.iterdir())
+
+
+def kind(path: Path) -> str:
+    """
+    Return the storage format of a file by its first bytes; '' if it is no storage file.
+
+    A zstd file counts if its name says what is in it.
+    """
+    magic = _magic(path)
+    if magic.startswith(mcap_records.MAGIC):
+        return 'mcap'
+    if magic.startswith(sqlite.MAGIC):
+        return 'sqlite3'
+    if magic.startswith(ZSTD_MAGIC) and (match := _SPLIT.match(path.name)):
+        return 'mcap' if match['suffix'].startswith('.mcap') else 'sqlite3'
+    return ''
+
+
+def _magic(path: Path) -> bytes:
+    if not path.is_file():
+        return b''
+    with path.open('rb') as file:
+        return file.read(16)
+
+
+def _parts(name: str) -> tuple[str, int, str]:
+    """Return the name a split file shares with its siblings, and its number."""
+    match = _SPLIT.match(name)
+    if match is None:
+        return name, -1, ''
+    return match['stem'], -1 if match['number'] is None else int(match['number']), match['suffix']
+
+
+def _continuations(found: list[Path], present: dict[str, Path]) -> list[Path]:
+    """Return files that carry on the numbering of the listed ones."""
+    stem, last, suffix = _parts(found[-1].name)
+    if last < 0:
+        return []
+    later = []
+    for name, file in present.items():
+        other, number, kind_ = _parts(name)
+        if (other, kind_) == (stem, suffix) and number > last:
+            later.append((number, file))
+    return [file for _, file in sorted(later)]
+
+
+def only_recording(path: Path, files: Sequence[Path]) -> tuple[Path, ...]:
+    """
+    Return storage files in the order of their numbers.
+
+    Raises
+    ------
+    RecordingError
+        If they do not belong to one recording.
+    """
+    ordered = sorted(files, key=lambda file: _parts(file.name))
+    if len({_parts(file.name)[0] for file in files}) > 1:
+        raise RecordingError(
+            f'{path}: holds several recordings without metadata.yaml '
+            f'({", ".join(file.name for file in ordered)}); name one file'
+        )
+    return tuple(ordered)

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Reading mcap files: whole chunks at a time, and what is left of a damaged file.
+
+Source: MCAP format specification version 0, https://mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+import struct
+from typing import BinaryIO
+import zlib
+
+from imu_bench.bags import mcap_records as rec
+from imu_bench.bags.block import Block, Channel
+from imu_bench.bags.buffers import Buffer, gather, Ints
+from imu_bench.bags.compression import expand, expand_part, MAX_EXPANDED
+from imu_bench.bags.problems import Problems
+from imu_bench.errors import RecordingError
+import numpy as np
+
+_WINDOW = 1 << 23
+_LOOSE = frozenset((rec.HEADER, rec.SCHEMA, rec.CHANNEL, rec.MESSAGE))
+_ENDS_RUN = frozenset(range(256)) - _LOOSE
+
+
+class McapFile:
+    """
+    One mcap file, never modified.
+
+    A closed file is read by its summary and message indexes; a file without them
+    (recorder killed, power lost, disk full) is scanned and read up to its last
+    complete message.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    channels, counts, problems
+        As in ``Storage``.
+    complete : bool
+        Whether the file was closed by its writer and its summary is sound.
+
+    Raises
+    ------
+    RecordingError
+        If it is not an mcap file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._problems = Problems(path.name)
+        self._size = path.stat().st_size
+        with path.open('rb') as file:
+            if file.read(len(rec.MAGIC)) != rec.MAGIC:
+                raise RecordingError(f'{path}: not an mcap file: it does not begin with its magic')
+            summary = self._summary(file)
+            self.complete = summary is not None
+            self._chunks: list[rec.ChunkPlace] | None = None
+            by_number: Mapping[int, int]
+            if summary is None:
+                self._catalogue, by_number = self._scan(file)
+            else:
+                self._catalogue, by_number = summary.catalogue, summary.counts
+                if summary.chunk_count and summary.chunk_count == len(summary.chunks):
+                    self._chunks = summary.chunks
+        found = self._catalogue.channels
+        self.channels: tuple[Channel, ...] = tuple(dict.fromkeys(found.values()))
+        self.counts: dict[str, int] = {channel.topic: 0 for channel in self.channels}
+        for number, count in by_number.items():
+            if number in found:
+                self.counts[found[number].topic] += count
+
+    @property
+    def message_count(self) -> int:
+        """Messages stored."""
+        return sum(self.counts.values())
+
+    def blocks(self, topics: Collection[str]) -> Iterator[Block]:
+        """
+        Yield the messages of some topics, one block per channel and chunk.
+
+        Damaged chunks are skipped and reported in ``problems``.
+        """
+        groups: dict[Channel, list[int]] = {}
+        for number, channel in self._catalogue.channels.items():
+            if channel.topic in topics:
+                groups.setdefault(channel, []).append(number)
+        with self.path.open('rb') as file:
+            for buffer, messages in self._runs(file):
+                for channel, numbers in groups.items():
+                    offsets = [messages[number] for number in numbers if number in messages]
+                    if offsets:
+                        joined = offsets[0] if len(offsets) == 1 else np.sort(np.hstack(offsets))
+                        yield _block(channel, buffer, joined)
+
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with the file, as far as it has been read."""
+        return self._problems.lines
+
+    def close(self) -> None:
+        """Do nothing: the file is open only while it is read."""
+
+    # --- the parts of a file ---------------------------------------------------------
+
+    def _runs(self, file: BinaryIO) -> Iterator[tuple[Buffer, dict[int, Ints]]]:
+        """Yield buffers with the offsets of their messages' contents by channel."""
+        places: Iterator[rec.ChunkPlace | Buffer]
+        places = iter(self._chunks) if self._chunks is not None else self._sections(file)
+        for place in places:
+            if not isinstance(place, rec.ChunkPlace):
+                yield place, _by_channel(place, rec.walk(place))
+                continue
+            loaded = self._load(file, place)
+            if loaded is not None:
+                buffer, index = loaded
+                messages = _indexed(buffer, index) if index else None
+                if messages is None:
+                    messages = _by_channel(buffer, self._walk(buffer, place))
+                yield buffer, messages
+
+    def _sections(self, file: BinaryIO) -> Iterator[rec.ChunkPlace | Buffer]:
+        """Yield, from the first byte to the last, chunks and windows of loose records."""
+        position = len(rec.MAGIC)
+        while (head := self._read(file, position, rec.RECORD.size)) and len(
+            head
+        ) == rec.RECORD.size:
+            opcode, size = rec.RECORD.unpack(head)
+            after = position + rec.RECORD.size + size
+            if opcode in (rec.DATA_END, rec.FOOTER):
+                return
+            if not rec.valid_opcode(opcode) or (opcode in _LOOSE and size > MAX_EXPANDED):
+                self._problems.add(f'no record at byte {position}: the rest is skipped')
+                return
+            if opcode == rec.CHUNK:
+                indexes = self._index_length(file, after)
+                yield rec.ChunkPlace(position, after - position, indexes)
+                after += indexes
+            elif opcode in _LOOSE:
+                room = self._size - position
+                # messages come in runs; the other records stand alone
+                wanted = _WINDOW if opcode == rec.MESSAGE else 0
+                window = self._read(file, position, min(max(wanted, after - position), room))
+                end = rec.walk(window, until=_ENDS_RUN).end
+                if end:
+                    yield memoryview(window)[:end]
+                    after = position + end
+            if after > self._size:
+                self._problems.add(f'cut off in the record at byte {position}')
+                return
+            position = after
+        self._problems.add(f'cut off after byte {position}')
+
+    def _index_length(self, file: BinaryIO, position: int) -> int:
+        start = position
+        while len(head := self._read(file, position, rec.RECORD.size)) == rec.RECORD.size:
+            opcode, size = rec.RECORD.unpack(head)
+            after = position + rec.RECORD.size + size
+            if opcode != rec.MESSAGE_INDEX or after > self._size:
+                break
+            position = after
+        return position - start
+
+    def _load(
+        self, file: BinaryIO, place: rec.ChunkPlace
+    ) -> tuple[Buffer, dict[int, Ints]] | None:
+        """Return the records of a chunk and its message indexes; None if it is damaged."""
+        index: dict[int, Ints] = {}
+        try:
+            length = min(place.length + place.index_length, self._size - place.start)
+            if not 0 < length <= MAX_EXPANDED:
+                raise RecordingError('its place or length is not possible')
+            data = memoryview(self._read(file, place.start, length))
+            opcode, size = rec.RECORD.unpack_from(data)
+            if opcode != rec.CHUNK or rec.RECORD.size + size != place.length:
+                raise RecordingError('no chunk here')
+            chunk = rec.parse_chunk(data[rec.RECORD.size : place.length])
+            if not chunk.complete:
+                self._problems.add(
+                    f'cut off or damaged in the chunk at byte {place.start}', 'damaged chunks'
+                )
+                return expand_part(chunk.records, chunk.compression), index
+            index = _message_indexes(data, place.length)
+            buffer = expand(chunk.records, chunk.compression, chunk.size)
+            if chunk.crc and zlib.crc32(buffer) != chunk.crc:
+                raise RecordingError('its checksum does not match')
+        except (RecordingError, struct.error, ValueError) as problem:
+            lost = sum(offsets.size for offsets in index.values())
+            self._problems.add(
+                f'damaged chunk at byte {place.start} skipped ({problem}); '
+                f'{lost if index else "an unknown number of"} messages lost',
+                'damaged chunks',
+            )
+            return None
+        return buffer, index
+
+    def _walk(self, buffer: Buffer, place: rec.ChunkPlace) -> rec.Records:
+        records = rec.walk(buffer)
+        if records.end < len(buffer):
+            self._problems.add(
+                f'cut off or damaged in the chunk at byte {place.start}', 'damaged chunks'
+            )
+        return records
+
+    def _read(self, file: BinaryIO, start: int, size: int) -> bytes:
+        """Return bytes of the file; less where it ends, or if there is no such place."""
+        if start >= self._size:
+            return b''
+        file.seek(start)
+        return file.read(size)
+
+    # --- what is in it -----------------------------------------------------------------
+
+    def _summary(self, file: BinaryIO) -> rec.Summary | None:
+        tail = max(0, self._size - rec.FOOTER_SIZE)
+        footer = rec.parse_footer(self._read(file, tail, rec.FOOTER_SIZE))
+        if footer is None:
+            self._problems.add('not closed by its recorder: no footer')
+            return None
+        start, crc = footer
+        if not len(rec.MAGIC) < start <= tail:
+            return None
+        section = self._read(file, start, self._size - start)
+        checked = len(section) - len(rec.MAGIC) - 4
+        try:
+            if crc and zlib.crc32(memoryview(section)[:checked]) != crc:
+                raise RecordingError('summary damaged: its checksum does not match')
+            return rec.parse_summary(section)
+        except RecordingError as problem:
+            self._problems.add(str(problem))
+            return None
+
+    def _scan(self, file: BinaryIO) -> tuple[rec.Catalogue, Counter[int]]:
+        """Find channels and count messages without the help of a summary."""
+        catalogue = rec.Catalogue()
+        counts: Counter[int] = Counter()
+        for place in self._sections(file):
+            loaded = self._load(file, place) if isinstance(place, rec.ChunkPlace) else (place, {})
+            if loaded is None:
+                continue
+            buffer, index = loaded
+            messages = _indexed(buffer, index) if index else None
+            if messages is None or not index.keys() <= catalogue.channels.keys():
+                records = rec.walk(buffer)
+                messages = _by_channel(buffer, records)
+                try:
+                    catalogue.add_all(buffer, records)
+                except struct.error as problem:
+                    self._problems.add(f'a damaged channel or schema was skipped: {problem}')
+            counts.update({number: offsets.size for number, offsets in messages.items()})
+        return catalogue, counts
+
+
+def _message_indexes(data: memoryview, start: int) -> dict[int, Ints]:
+    """Return the offsets of the contents of messages by channel, from the index records."""
+    records = rec.walk(data, start)
+    index = {}
+    for offset, size in zip(records.offsets.tolist(), records.sizes.tolist(), strict=True):
+        number, offsets = rec.parse_message_index(data[offset : offset + size])
+        if offsets.size:
+            index[number] = offsets + rec.RECORD.size
+    return index
+
+
+def _indexed(buffer: Buffer, index: dict[int, Ints]) -> dict[int, Ints] | None:
+    """Return the message indexes if they name every message of the chunk, else None."""
+    offsets = np.concatenate(list(index.values()))
+    numbers = np.repeat(list(index), [mine.size for mine in index.values()])
+    if offsets.min() < rec.RECORD.size or offsets.max() + rec.MESSAGE_HEADER > len(buffer):
+        return None
+    sizes = gather(buffer, '<i8', offsets - 8)
+    fits = (
+        (gather(buffer, 'u1', offsets - rec.RECORD.size) == rec.MESSAGE)
+        & (gather(buffer, '<u2', offsets) == numbers)
+        & (sizes >= rec.MESSAGE_HEADER)
+        & (sizes <= len(buffer) - offsets)
+    )
+    if not fits.all():
+        return None
+    order = np.argsort(offsets)
+    starts = np.append(offsets[order] - rec.RECORD.size, len(buffer))
+    ends = np.concatenate(([0], (offsets + sizes)[order]))
+    for gap in np.flatnonzero(starts != ends).tolist():
+        between = memoryview(buffer)[int(ends[gap]) : int(starts[gap])]
+        records = rec.walk(between)
+        if records.end < starts[gap] - ends[gap] or (records.opcodes == rec.MESSAGE).any():
+            return None
+    return index
+
+
+def _by_channel(buffer: Buffer, records: rec.Records) -> dict[int, Ints]:
+    found = (records.opcodes == rec.MESSAGE) & (records.sizes >= rec.MESSAGE_HEADER)
+    offsets = records.offsets[found]
+    numbers = gather(buffer, '<u2', offsets)
+    return {int(number): offsets[numbers == number] for number in np.unique(numbers)}
+
+
+def _block(channel: Channel, buffer: Buffer, offsets: Ints) -> Block:
+    """Return the messages whose contents begin at some offsets (section "Message")."""
+    return Block(
+        channel=channel,
+        receive_ns=gather(buffer, '<i8', offsets + 6),
+        buffer=buffer,
+        offsets=offsets + rec.MESSAGE_HEADER,
+        sizes=gather(buffer, '<i8', offsets - 8) - rec.MESSAGE_HEADER,
+    )

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The records of an mcap file: bytes to values, no file access.
+
+Source: MCAP format specification version 0, https://mcap.dev/spec, section "Records".
+All integers are little-endian; a string is its length (uint32) and UTF-8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import struct
+from typing import NamedTuple
+
+from imu_bench.bags.block import Channel
+from imu_bench.bags.buffers import Buffer
+from imu_bench.errors import RecordingError
+import numpy as np
+import numpy.typing as npt
+
+MAGIC = b'\x89MCAP0\r\n'
+
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
+STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(0x0B, 0x10)
+_LAST_OPCODE = DATA_END
+_FIRST_PRIVATE = 0x80
+
+RECORD = struct.Struct('<BQ')
+"""Opcode and length of the content before every record."""
+
+MESSAGE_HEADER = 22
+"""Bytes of channel id, sequence, log time and publish time before the data of a message."""
+
+FOOTER_SIZE = RECORD.size + 20 + len(MAGIC)
+
+
+class Records(NamedTuple):
+    """Where the records of a buffer lie; ``end`` is where the last complete one ends."""
+
+    opcodes: npt.NDArray[np.uint8]
+    offsets: npt.NDArray[np.int64]
+    sizes: npt.NDArray[np.int64]
+    end: int
+
+
+def walk(buffer: Buffer, start: int = 0, until: frozenset[int] = frozenset()) -> Records:
+    """
+    Find the records of a buffer, up to the first one that is incomplete or no record.
+
+    Parameters
+    ----------
+    buffer : bytes-like
+    start : int
+        Where the first record begins.
+    until : frozenset of int
+        Opcodes that end the walk.
+
+    Examples
+    --------
+    >>> records = walk(bytes([5, 3, 0, 0, 0, 0, 0, 0, 0]) + b'abc' + bytes([5, 9]))
+    >>> records.offsets.tolist(), records.sizes.tolist(), records.end
+    ([9], [3], 12)
+    """
+    opcodes, offsets, sizes = [], [], []
+    unpack, head, stop = RECORD.unpack_from, RECORD.size, len(buffer)
+    position = start
+    while position + head <= stop:
+        opcode, size = unpack(buffer, position)
+        after = position + head + size
+        if after > stop or not valid_opcode(opcode) or opcode in until:
+            break
+        opcodes.append(opcode)
+        offsets.append(position + head)
+        sizes.append(size)
+        position = after
+    return Records(
+        np.array(opcodes, np.uint8),
+        np.array(offsets, np.int64),
+        np.array(sizes, np.int64),
+        position,
+    )
+
+
+def valid_opcode(opcode: int) -> bool:
+    """Return whether a byte can begin a record (section "Opcodes")."""
+    return 0 < opcode <= _LAST_OPCODE or opcode >= _FIRST_PRIVATE
+
+
+class _Cursor:
+    """Reads the fields of one record, one after the other."""
+
+    def __init__(self, content: Buffer) -> None:
+        self.content = content
+        self.position = 0
+
+    def take(self, layout: str) -> tuple[int, ...]:
+        values = struct.unpack_from('<' + layout, self.content, self.position)
+        self.position += struct.calcsize('<' + layout)
+        return values
+
+    def bytes(self, size: int) -> Buffer:
+        part = self.content[self.position : self.position + size]
+        if len(part) < size:
+            raise struct.error('field beyond the end of its record')
+        self.position += size
+        return part
+
+    def string(self) -> str:
+        return bytes(self.bytes(*self.take('I'))).decode('utf-8', 'replace')
+
+    def pairs(self, layout: str) -> list[tuple[int, ...]]:
+        """Return a map or array that is preceded by its length in bytes."""
+        return list(struct.iter_unpack('<' + layout, self.bytes(*self.take('I'))))
+
+
+@dataclass
+class Catalogue:
+    """Schemas and channels met so far."""
+
+    schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+
+    def add(self, opcode: int, content: Buffer) -> None:
+        """Take in the content of a schema or channel record; others are ignored."""
+        cursor = _Cursor(content)
+        if opcode == SCHEMA:
+            (number,) = cursor.take('H')
+            name, encoding = cursor.string(), cursor.string()
+            self.schemas[number] = (name, encoding, cursor.string())
+        elif opcode == CHANNEL:
+            number, schema = cursor.take('HH')
+            topic, serialization = cursor.string(), cursor.string()
+            name, encoding, definition = self.schemas.get(schema, ('', '', ''))
+            self.channels[number] = Channel(topic, name, serialization, encoding, definition)
+
+    def add_all(self, buffer: Buffer, records: Records) -> None:
+        """Take in every schema and channel record of a buffer."""
+        wanted = np.flatnonzero((records.opcodes == SCHEMA) | (records.opcodes == CHANNEL))
+        for index in wanted.tolist():
+            start, size = int(records.offsets[index]), int(records.sizes[index])
+            self.add(int(records.opcodes[index]), memoryview(buffer)[start : start + size])
+
+
+class PackedChunk(NamedTuple):
+    """Content of a chunk record (section "Chunk")."""
+
+    size: int
+    crc: int
+    compression: str
+    records: Buffer
+    complete: bool
+
+
+def parse_chunk(content: Buffer) -> PackedChunk:
+    """
+    Return the fields of a chunk record, which may be cut off.
+
+    Raises
+    ------
+    struct.error
+        If not even the fields before the records are there.
+    """
+    cursor = _Cursor(content)
+    _, _, size, crc = cursor.take('QQQI')
+    compression = cursor.string()
+    (length,) = cursor.take('Q')
+    records = content[cursor.position : cursor.position + length]
+    return PackedChunk(size, crc, compression, records, len(records) == length)
+
+
+def parse_message_index(content: Buffer) -> tuple[int, npt.NDArray[np.int64]]:
+    """Return a channel id and the offsets of its messages in the chunk, ascending."""
+    cursor = _Cursor(content)
+    channel, length = cursor.take('HI')
+    entries = np.frombuffer(cursor.bytes(length), '<i8').reshape(-1, 2)
+    return channel, np.sort(entries[:, 1])
+
+
+class ChunkPlace(NamedTuple):
+    """Where a chunk record and the message indexes after it lie in the file."""
+
+    start: int
+    length: int
+    index_length: int
+
+
+@dataclass
+class Summary:
+    """What the end of a closed file says about the rest of it."""
+
+    catalogue: Catalogue
+    chunks: list[ChunkPlace]
+    counts: dict[int, int]
+    chunk_count: int
+
+
+def parse_summary(section: Buffer) -> Summary | None:
+    """
+    Return the content of a summary section, or None if statistics or channels are not in it.
+
+    Raises
+    ------
+    RecordingError
+        If a record of the section is damaged.
+    """
+    records = walk(section, until=frozenset((FOOTER,)))
+    catalogue, chunks = Catalogue(), []
+    counts: dict[int, int] | None = None
+    chunk_count = 0
+    try:
+        catalogue.add_all(section, records)
+        for opcode, start, size in zip(*(column.tolist() for column in records[:3]), strict=True):
+            cursor = _Cursor(memoryview(section)[start : start + size])
+            if opcode == CHUNK_INDEX:
+                _, _, place, length = cursor.take('QQQQ')
+                cursor.pairs('HQ')
+                chunks.append(ChunkPlace(place, length, *cursor.take('Q')))
+            elif opcode == STATISTICS:
+                _, _, _, _, _, chunk_count = cursor.take('QHIIII')
+                cursor.take('QQ')
+                counts = {int(channel): count for channel, count in cursor.pairs('HQ')}
+    except struct.error as problem:
+        raise RecordingError(f'summary damaged: {problem}') from problem
+    if counts is None or not counts.keys() <= catalogue.channels.keys():
+        return None
+    chunks.sort()
+    return Summary(catalogue, chunks, counts, chunk_count)
+
+
+def parse_footer(tail: Buffer) -> tuple[int, int] | None:
+    """Return start and CRC of the summary from the last bytes of a file, None if not closed."""
+    if len(tail) < FOOTER_SIZE or bytes(tail[-len(MAGIC) :]) != MAGIC:
+        return None
+    opcode, size, start, _, crc = struct.unpack_from('<BQQQI', tail, len(tail) - FOOTER_SIZE)
+    return (start, crc) if (opcode, size) == (FOOTER, 20) else None

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The metadata.yaml of a ROS 2 bag, versions 1 to 9.
+
+Source: rosbag2, rosbag2_storage/yaml.hpp and the ``bag_metadata`` structure; version 2
+changed integer sizes, 3 added compression, 4 QoS and relative paths, 5 the list of
+files, 6 custom data, 7 type hashes, 8 the distribution, 9 spelled-out QoS values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from imu_bench.bags.block import printable
+from imu_bench.bags.topic_info import NEVER, TopicInfo
+from imu_bench.errors import RecordingError
+import yaml
+
+FILE_NAME = 'metadata.yaml'
+NEWEST_VERSION = 9
+_ROOT = 'rosbag2_bagfile_information'
+_MAX_SIZE = 1 << 26
+
+
+@dataclass(frozen=True)
+class Announcement:
+    """
+    What a metadata file says about its bag.
+
+    Attributes
+    ----------
+    version : int
+    storage : str
+        'sqlite3', 'mcap' or another storage plugin.
+    files : tuple of str
+        Names of the storage files, in order, without folders.
+    counts : dict of str to int
+        Messages by topic.
+    serializations : dict of str to str
+        Serialization format by topic.
+    message_count : int
+    compression_format, compression_mode : str
+        Empty, or 'zstd' and 'file' or 'message', in lower case.
+    """
+
+    version: int
+    storage: str
+    files: tuple[str, ...]
+    counts: dict[str, int] = field(default_factory=dict)
+    serializations: dict[str, str] = field(default_factory=dict)
+    message_count: int = 0
+    compression_format: str = ''
+    compression_mode: str = ''
+
+
+def read(path: Path) -> Announcement:
+    """
+    Return the content of a metadata file.
+
+    Raises
+    ------
+    RecordingError
+        If it is not YAML or does not say what every version says.
+    """
+    if path.stat().st_size > _MAX_SIZE:
+        raise RecordingError(f'{path}: larger than {_MAX_SIZE >> 20} MiB')
+    try:
+        loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+        document = yaml.load(path.read_bytes(), Loader=loader)
+        return parse(document)
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as problem:
+        reason = ' '.join(str(problem).split())
+        raise RecordingError(f'{path}: damaged: {reason}') from problem
+    except (KeyError, TypeError, AttributeError) as problem:
+        raise RecordingError(f'{path}: an entry is missing or misplaced: {problem!r}') from problem
+
+
+def parse(document: dict[str, Any]) -> Announcement:
+    """
+    Return the content of a loaded metadata document.
+
+    Examples
+    --------
+    >>> parse({'rosbag2_bagfile_information': {
+    ...     'version': 1, 'storage_identifier': 'sqlite3', 'relative_file_paths': ['a.db3'],
+    ...     'message_count': 2, 'topics_with_message_count': [
+    ...         {'topic_metadata': {'name': '/imu'}, 'message_count': 2}]}}).counts
+    {'/imu': 2}
+    """
+    bag = document[_ROOT]
+    counts: dict[str, int] = {}
+    serializations: dict[str, str] = {}
+    for entry in bag.get('topics_with_message_count') or ():
+        topic = entry['topic_metadata']
+        name = printable(str(topic['name']))
+        counts[name] = counts.get(name, 0) + int(entry['message_count'])
+        serializations[name] = printable(str(topic.get('serialization_format', '')))
+    mode = str(bag.get('compression_mode') or '').lower()
+    return Announcement(
+        version=int(bag['version']),
+        storage=str(bag['storage_identifier']),
+        files=tuple(
+            printable(PurePosixPath(str(name)).name) for name in bag['relative_file_paths'] or ()
+        ),
+        counts=counts,
+        serializations=serializations,
+        message_count=int(bag.get('message_count') or 0),
+        compression_format=str(bag.get('compression_format') or '').lower(),
+        compression_mode='' if mode == 'none' else mode,
+    )
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A finished storage file: its name, what is in it, first and last receive time in ns."""
+
+    name: str
+    counts: Mapping[str, int]
+    first_ns: int
+    last_ns: int
+
+    @property
+    def message_count(self) -> int:
+        """Messages in the file."""
+        return sum(self.counts.values())
+
+    def entry(self) -> dict[str, Any]:
+        """Return the entry of metadata.yaml."""
+        return {'path': self.name, **_extent((self,)), 'message_count': self.message_count}
+
+
+def document(
+    storage: str,
+    files: Sequence[StoredFile],
+    topics: Sequence[TopicInfo],
+    distro: str,
+    custom: Mapping[str, str],
+) -> dict[str, Any]:
+    """Return the content of a metadata file of version 9."""
+    counts = {
+        topic.name: sum(file.counts.get(topic.name, 0) for file in files) for topic in topics
+    }
+    return {
+        'version': NEWEST_VERSION,
+        'storage_identifier': storage,
+        **_extent(files),
+        'message_count': sum(counts.values()),
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': topic.name,
+                    'type': topic.type,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': [profile.entry() for profile in topic.qos],
+                    'type_description_hash': topic.type_hash,
+                },
+                'message_count': counts[topic.name],
+            }
+            for topic in topics
+        ],
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [file.name for file in files],
+        'files': [file.entry() for file in files],
+        'custom_data': dict(custom) or None,
+        'ros_distro': distro,
+    }
+
+
+def text(content: Mapping[str, Any]) -> str:
+    """Return a metadata document as the storage files hold it."""
+    return yaml.safe_dump(dict(content), sort_keys=False)
+
+
+def write(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a metadata file; it is there completely or not at all."""
+    draft = path.with_suffix('.tmp')
+    try:
+        draft.write_text(text({_ROOT: dict(content)}), encoding='utf-8')
+        draft.replace(path)
+    except OSError:
+        draft.unlink(missing_ok=True)
+        raise
+
+
+def _extent(files: Sequence[StoredFile]) -> dict[str, Any]:
+    filled = [file for file in files if file.message_count]
+    first = min((file.first_ns for file in filled), default=NEVER)
+    last = max((file.last_ns for file in filled), default=first)
+    return {
+        'duration': {'nanoseconds': last - first},
+        'starting_time': {'nanoseconds_since_epoch': first},
+    }

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with a file: each thing once, and not more lines than anybody reads."""
+
+from __future__ import annotations
+
+_KEPT = 3
+
+
+class Problems:
+    """
+    The problems of one file, in the order found.
+
+    Parameters
+    ----------
+    name : str
+        Of the file; begins every line.
+
+    Examples
+    --------
+    >>> problems = Problems('a.mcap')
+    >>> for byte in range(5):
+    ...     problems.add(f'damaged chunk at byte {byte} skipped', 'damaged chunks')
+    >>> problems.lines[2:]
+    ['a.mcap: damaged chunk at byte 2 skipped', 'a.mcap: 2 more damaged chunks']
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._kinds: dict[str, list[str]] = {}
+        self._more: dict[str, int] = {}
+        self._known: set[str] = set()
+
+    def add(self, problem: str, kind: str = '') -> None:
+        """Add a problem unless it is known; of one kind the first few are kept, then counted."""
+        if problem in self._known:
+            return
+        self._known.add(problem)
+        lines = self._kinds.setdefault(kind or problem, [])
+        if len(lines) < _KEPT:
+            lines.append(problem)
+        else:
+            self._more[kind] = self._more.get(kind, 0) + 1
+
+    @property
+    def lines(self) -> list[str]:
+        """One line per problem."""
+        found = []
+        for kind, lines in self._kinds.items():
+            found += lines
+            if kind in self._more:
+                found.append(f'{self._more[kind]} more {kind}')
+        return [f'{self._name}: {line}' for line in found]

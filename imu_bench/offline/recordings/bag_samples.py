@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the raw blocks of a bag to samples, counting what does not become one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+
+from imu_bench.bags.block import Block, Channel
+from imu_bench.offline.recordings.decoding import decode
+from imu_bench.offline.recordings.source import Chunk, IMU_TYPES, Topic
+
+_BATCH = 4096
+"""Messages decoded together: enough for numpy, little for the memory."""
+
+
+def samples(
+    blocks: Iterator[Block], topics: Collection[Topic], problems: list[str]
+) -> Iterator[tuple[str, Chunk]]:
+    """
+    Yield topic names and samples of raw blocks.
+
+    When the blocks end, what was odd about them is added to problems: messages that
+    are no Imu, and counts that differ from the number stored.
+    """
+    read: Counter[str] = Counter()
+    undecodable: Counter[str] = Counter()
+    waiting: dict[Channel, list[Block]] = {}
+
+    def decoded(channel: Channel) -> Iterator[tuple[str, Chunk]]:
+        found = decode(waiting.pop(channel))
+        read[channel.topic] += len(found.chunk) + found.undecodable
+        undecodable[channel.topic] += found.undecodable
+        for remark in found.remarks:
+            report(problems, f'{channel.topic}: {remark}')
+        if len(found.chunk):
+            yield channel.topic, found.chunk
+
+    for block in blocks:
+        channel = block.channel
+        if channel.type not in IMU_TYPES:
+            report(problems, f'{channel.topic}: messages of type {channel.type} are left out')
+        elif len(block):
+            mine = waiting.setdefault(channel, [])
+            mine.append(block)
+            if sum(map(len, mine)) >= _BATCH:
+                yield from decoded(channel)
+    for channel in list(waiting):
+        yield from decoded(channel)
+    _compare(topics, read, undecodable, problems)
+
+
+def _compare(
+    topics: Collection[Topic],
+    read: Counter[str],
+    undecodable: Counter[str],
+    problems: list[str],
+) -> None:
+    for topic in topics:
+        if undecodable[topic.name]:
+            report(
+                problems,
+                f'{topic.name}: {undecodable[topic.name]} messages are no complete Imu '
+                'and were left out',
+            )
+        if read[topic.name] != topic.count:
+            report(
+                problems,
+                f'{topic.name}: {topic.count} messages are stored, {read[topic.name]} were read',
+            )
+
+
+def report(problems: list[str], problem: str) -> None:
+    """Add a problem unless it is known already."""
+    if problem not in problems:
+        problems.append(problem)

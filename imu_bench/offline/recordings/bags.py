@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of ROS 1 and ROS 2."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+
+from imu_bench.bags.bag import Bag
+from imu_bench.bags.block import Storage
+from imu_bench.bags.ros1 import Ros1File
+from imu_bench.errors import RecordingError
+from imu_bench.offline.recordings.bag_samples import report, samples
+from imu_bench.offline.recordings.source import Chunk, IMU_TYPES, Source, Topic
+
+READABLE = ('cdr', 'ros1')
+"""Serialization formats of ROS 2 and ROS 1; the second is found in mcap files too."""
+
+
+def open_ros1(path: Path) -> Source:
+    """
+    Open a bag of ROS 1.
+
+    Raises
+    ------
+    RecordingError
+        If it is of a version before 2.0.
+    """
+    return _source(path, 'rosbag1', Ros1File(path), {})
+
+
+def open_ros2(path: Path) -> Source:
+    """
+    Open a bag of ROS 2, a folder or a single storage file.
+
+    Raises
+    ------
+    RecordingError
+        If it is no bag, or none of its messages is serialized in a known way.
+    """
+    bag = Bag(path)
+    formats = {channel.serialization for channel in bag.channels}
+    if formats and formats.isdisjoint(READABLE):
+        raise RecordingError(
+            f'{path}: the messages are serialized as {", ".join(sorted(formats))}; '
+            f'only {" and ".join(READABLE)} can be read'
+        )
+    announced = {} if bag.announcement is None else bag.announcement.counts
+    return _source(path, bag.format, bag, announced)
+
+
+def _source(path: Path, kind: str, bag: Bag | Storage, announced: Mapping[str, int]) -> Source:
+    topics: dict[str, Topic] = {}
+    for channel in bag.channels:
+        imu = channel.type in IMU_TYPES and channel.serialization in READABLE
+        if imu or channel.topic not in topics:
+            count = bag.counts[channel.topic]
+            topics[channel.topic] = Topic(channel.topic, channel.type, count, imu)
+    return Source(
+        path=path,
+        format=kind,
+        topics=tuple(topics.values()),
+        reader=_Reader(bag),
+        announced=announced,
+        problems=list(bag.problems),
+    )
+
+
+class _Reader:
+    stamps_from = 'header'
+
+    def __init__(self, bag: Bag | Storage) -> None:
+        self._bag = bag
+
+    def chunks(
+        self, topics: Collection[Topic], problems: list[str]
+    ) -> Iterator[tuple[str, Chunk]]:
+        before = self._bag.problems
+        blocks = self._bag.blocks({topic.name for topic in topics})
+        yield from samples(blocks, topics, problems)
+        now = self._bag.problems
+        # counts of damaged places may have grown
+        problems[:] = [line for line in problems if line not in before or line in now]
+        for problem in now:
+            report(problems, problem)
+
+    def close(self) -> None:
+        self._bag.close()

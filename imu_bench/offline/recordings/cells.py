@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cells of a text table as numbers, a block of lines at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import io
+from pathlib import Path
+import re
+
+from imu_bench.errors import RecordingError
+from imu_bench.offline.recordings.layout import is_number, Layout, split
+import numpy as np
+import numpy.typing as npt
+
+BLOCK = 1 << 23
+_STAMP_WIDTH = 40
+_MAX_NS = 9.2e18
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """
+    Rows of a table.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, columns)
+        Wanted columns; an empty cell is NaN.
+    stamps : ndarray of bytes, shape (n,), or None
+        Cells of the time column as written.
+    places : ndarray of int64, shape (n,)
+        Which of the lines, blank ones not counted, each row was.
+    lines : int
+        Number of lines, blank ones not counted.
+    bad : tuple of int
+        Numbers, within the table, of lines that are no rows.
+    """
+
+    values: npt.NDArray[np.float64]
+    stamps: npt.NDArray[np.bytes_] | None
+    places: npt.NDArray[np.int64]
+    lines: int
+    bad: tuple[int, ...]
+
+
+def blocks(path: Path, start: int) -> Iterator[bytes]:
+    """Yield the lines of a file from a byte on, about 8 MiB at a time, each with its end."""
+    with path.open('rb') as file:
+        file.seek(start)
+        rest = b''
+        while data := file.read(BLOCK):
+            data = rest + data
+            cut = data.rfind(b'\n') + 1
+            rest = data[cut:]
+            if cut:
+                yield data[:cut]
+            elif len(rest) > 4 * BLOCK:
+                raise RecordingError(f'{path}: a line is longer than {len(rest) >> 20} MiB')
+        if rest.strip():
+            yield rest + b'\n'
+
+
+def parse(
+    block: bytes, layout: Layout, wanted: Sequence[int], stamp: int | None, first_line: int = 0
+) -> Rows:
+    r"""
+    Return the wanted columns of some lines.
+
+    Parameters
+    ----------
+    block : bytes
+        Complete lines.
+    layout : Layout
+    wanted : sequence of int
+        Columns that become numbers.
+    stamp : int or None
+        Column that is kept as text, so that no digit of a long stamp is lost.
+    first_line : int
+        Lines of the table before the block.
+
+    Examples
+    --------
+    >>> layout = Layout(',', 3, (), 0, (True,) * 3)
+    >>> rows = parse(b'0.1,1,\nxx\n0.2,3,4\n', layout, [1, 2], 0)
+    >>> rows.values.tolist(), rows.stamps.tolist(), rows.bad
+    ([[1.0, nan], [3.0, 4.0]], [b'0.1', b'0.2'], (1,))
+    """
+    lines = block.replace(b'\r\n', b'\n')
+    if layout.decimal_comma:
+        lines = lines.replace(b',', b'.')
+    if _regular(lines, layout):
+        try:
+            return _fast(lines, layout, wanted, stamp)
+        except (ValueError, UnicodeDecodeError):
+            pass  # some line is no row: find out which, one by one
+    return _slow(lines, layout, wanted, stamp, first_line)
+
+
+def nanoseconds(cells: npt.NDArray[np.bytes_], digits: int) -> npt.NDArray[np.int64]:
+    """
+    Return decimal numbers times a power of ten, exact to the last digit.
+
+    Parameters
+    ----------
+    cells : ndarray of bytes, shape (n,)
+    digits : int
+        The power of ten: 9 for cells in seconds, 0 for nanoseconds.
+
+    Raises
+    ------
+    RecordingError
+        If a cell is not a number or does not fit 64 bits.
+
+    Examples
+    --------
+    >>> nanoseconds(np.array([b'1700000000.123456789', b'0.5']), 9).tolist()
+    [1700000000123456789, 500000000]
+    """
+    try:
+        rough = cells.astype(np.float64) * 10.0**digits
+    except ValueError as problem:
+        raise RecordingError(f'a time stamp is not a number: {problem}') from problem
+    if not (np.isfinite(rough) & (np.abs(rough) < _MAX_NS)).all():
+        raise RecordingError('a time stamp is not finite or does not fit 64 bits of nanoseconds')
+    characters = np.frombuffer(cells.tobytes(), np.uint8).reshape(-1, cells.dtype.itemsize)
+    digit = (characters >= ord('0')) & (characters <= ord('9'))
+    dot = characters == ord('.')
+    if not (digit | dot | (characters == 0)).all():
+        rounded: npt.NDArray[np.int64] = np.rint(rough).astype(np.int64)
+        return rounded
+    total = np.zeros(cells.size, np.int64)
+    carry = np.zeros(cells.size, bool)
+    after = np.full(cells.size, -1)
+    for column in range(characters.shape[1]):
+        after += (after >= 0) & digit[:, column]
+        used = digit[:, column] & (after <= digits)
+        value = characters[:, column].astype(np.int64) - ord('0')
+        total = np.where(used, total * 10 + value, total)
+        carry |= digit[:, column] & (after == digits + 1) & (value >= 5)
+        after[dot[:, column]] = 0
+    exact: npt.NDArray[np.int64] = total * 10 ** (digits - np.clip(after, 0, digits)) + carry
+    return exact
+
+
+def _regular(lines: bytes, layout: Layout) -> bool:
+    """Return whether the lines look like rows and nothing else."""
+    if b'"' in lines or b'\n\n' in lines or lines.startswith(b'\n'):
+        return False
+    if layout.delimiter == ' ':
+        return True
+    delimiters = lines.count(layout.delimiter.encode())
+    return delimiters == lines.count(b'\n') * (layout.width - 1)
+
+
+def _fast(lines: bytes, layout: Layout, wanted: Sequence[int], stamp: int | None) -> Rows:
+    delimiter = None if layout.delimiter == ' ' else layout.delimiter
+    if delimiter is not None:
+        lines = _filled(lines, delimiter.encode())
+    kind: list[tuple[object, ...]] = [('values', np.float64, (len(wanted),))]
+    columns = list(wanted)
+    if stamp is not None:
+        kind.insert(0, ('stamps', f'S{_STAMP_WIDTH}'))
+        columns.insert(0, stamp)
+    table = np.loadtxt(
+        io.BytesIO(lines),
+        dtype=np.dtype(kind),
+        delimiter=delimiter,
+        comments=None,
+        usecols=columns,
+        ndmin=1,
+        encoding='latin-1',
+    )
+    stamps = None
+    if stamp is not None:
+        stamps = np.char.strip(table['stamps'])
+        if (np.char.str_len(stamps) == 0).any() or (stamps == b'nan').any():
+            raise ValueError('a row without a time stamp')
+    size = table.size
+    return Rows(np.ascontiguousarray(table['values']), stamps, np.arange(size), size, ())
+
+
+def _filled(lines: bytes, delimiter: bytes) -> bytes:
+    """Return lines with NaN written into their empty cells."""
+    gaps = (delimiter * 2, delimiter + b'\n', b'\n' + delimiter)
+    if not lines.startswith(delimiter) and not any(gap in lines for gap in gaps):
+        return lines
+    mark = re.escape(delimiter)
+    filled = re.sub(
+        rb'(?:(?<=' + mark + rb')|^)(?=' + mark + rb'|$)', b'nan', lines, flags=re.MULTILINE
+    )
+    return filled.removesuffix(b'nan')  # after the last end of line
+
+
+def _slow(
+    lines: bytes, layout: Layout, wanted: Sequence[int], stamp: int | None, first_line: int
+) -> Rows:
+    values, stamps, places, bad = [], [], [], []
+    count = 0
+    for number, line in enumerate(lines.decode('utf-8', 'replace').split('\n')[:-1]):
+        fields = split(line, layout.delimiter)
+        if not any(fields):
+            continue
+        count += 1
+        numbers = [fields[index] for index in wanted] if len(fields) == layout.width else []
+        fits = bool(numbers) and all(not cell or is_number(cell) for cell in numbers)
+        if not fits or (stamp is not None and not is_number(fields[stamp])):
+            bad.append(first_line + number)
+            continue
+        values.append([float(cell) if cell else np.nan for cell in numbers])
+        places.append(count - 1)
+        if stamp is not None:
+            stamps.append(fields[stamp].encode())
+    return Rows(
+        np.array(values, np.float64).reshape(-1, len(wanted)),
+        None if stamp is None else np.array(stamps, f'S{_STAMP_WIDTH}'),
+        np.array(places, np.int64),
+        count,
+        tuple(bad),
+    )

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finding the recordings in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from imu_bench.bags import bag, metadata
+from imu_bench.errors import RecordingError
+from imu_bench.offline.recordings.layout import detect_in, SAMPLE
+
+_ROS1_SUFFIXES = ('.bag', '.bag.active')
+_TEXT_SUFFIXES = ('.csv', '.tsv', '.txt', '.log', '.dat')
+_LEAST_COLUMNS = 3
+
+
+def find_recordings(path: str | Path) -> tuple[Path, ...]:
+    """
+    Return the recordings at a path, sorted by name.
+
+    A file, or a folder that is a bag, is one recording; any other folder is searched
+    for bags and for tables of numbers with at least three columns.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such path, or the folder holds no recording.
+    """
+    place = Path(path)
+    try:
+        if not place.exists():
+            raise RecordingError(f'{place}: no such file or folder')
+        found = tuple(_search(place)) if place.is_dir() else (place,)
+    except OSError as problem:
+        raise RecordingError(
+            f'{problem.filename}: cannot be read: {problem.strerror}'
+        ) from problem
+    if not found:
+        raise RecordingError(f'{place}: no recording in this folder: no bag, CSV or text file')
+    return found
+
+
+def _search(folder: Path) -> Iterator[Path]:
+    files = sorted(entry for entry in folder.iterdir() if entry.is_file())
+    storages = [file for file in files if bag.kind(file)]
+    if (folder / metadata.FILE_NAME).is_file() and storages:
+        yield folder
+        return
+    if storages:
+        try:
+            bag.only_recording(folder, storages)
+            yield folder
+        except RecordingError:
+            yield from storages
+    yield from (file for file in files if _is_loose_recording(file))
+    for entry in sorted(entry for entry in folder.iterdir() if entry.is_dir()):
+        if not entry.is_symlink():  # which may lead in circles
+            yield from _search(entry)
+
+
+def _is_loose_recording(file: Path) -> bool:
+    if file.name.endswith(_ROS1_SUFFIXES):
+        return True
+    if file.suffix.lower() not in _TEXT_SUFFIXES:
+        return False
+    with file.open('rb') as opened:
+        layout = detect_in(opened.read(SAMPLE))
+    return layout is not None and layout.width >= _LEAST_COLUMNS

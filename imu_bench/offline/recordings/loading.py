@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the chunks of a topic to one recording: counts compared, stamps chosen, NaN left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from imu_bench.errors import RecordingError
+from imu_bench.offline.recordings.finite import Columns, sift
+from imu_bench.offline.recordings.options import ReadOptions
+from imu_bench.offline.recordings.source import Chunk, Source, Topic
+from imu_bench.offline.recordings.stamps import choose
+from imu_bench.samples import Samples
+import numpy as np
+import numpy.typing as npt
+
+Progress = Callable[[int, int], None]
+"""Called with the number of messages read so far and the number expected."""
+
+_NAMED = 5
+"""Names spelled out in a note."""
+
+_QUANTITIES = ('acceleration', 'angular_velocity', 'magnetic_field', 'temperature')
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """
+    One topic of a recording, ready for analysis.
+
+    Attributes
+    ----------
+    source, topic : str
+        Path as given, topic name.
+    samples : Samples
+        In the order recorded; samples with a value that is not a number are left out.
+    receive_ns : ndarray of int64, shape (n,), or None
+        Time of arrival of the same samples.
+    frame_id : str
+        Of the first message.
+    announced : int or None
+        Messages according to the metadata of the recording.
+    stored : int
+        Messages read, including those left out.
+    left_out : int
+        Messages with NaN or infinite values.
+    notes : tuple of str
+        What the user must know: counts that disagree, values left out, stamps replaced.
+    stamp_source : str
+        Where the stamps come from: 'header', 'receive', 'column' or 'rate'.
+    stamp_reason : str
+        Why these.
+    """
+
+    source: str
+    topic: str
+    samples: Samples
+    receive_ns: npt.NDArray[np.int64] | None
+    frame_id: str
+    announced: int | None
+    stored: int
+    left_out: int
+    notes: tuple[str, ...]
+    stamp_source: str
+    stamp_reason: str
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+
+def read_chunks(source: Source, topic: Topic | str) -> Iterator[Chunk]:
+    """
+    Yield the samples of one topic, chunk by chunk, nothing left out.
+
+    Raises
+    ------
+    RecordingError
+        If the topic is unknown or not an Imu topic, or the file cannot be read.
+    """
+    for _, chunk in source.reader.chunks((source.topic(topic),), source.problems):
+        yield chunk
+
+
+def load(
+    source: Source,
+    topic: Topic | str,
+    options: ReadOptions | None = None,
+    progress: Progress | None = None,
+) -> Recording:
+    """
+    Return one topic of a recording in memory.
+
+    Parameters
+    ----------
+    source : Source
+        From ``open_source``, which has applied the options.
+    topic : Topic or str
+        Which topic.
+    options : ReadOptions, optional
+        Not needed here; accepted so that options can be passed along everywhere.
+    progress : callable, optional
+        Called with (messages read, messages expected) after every chunk.
+
+    Raises
+    ------
+    RecordingError
+        If the topic is unknown or not an Imu topic, the file cannot be read, or
+        no message holds usable numbers.
+    """
+    return load_all(source, (topic,), progress)[0]
+
+
+def load_all(
+    source: Source, topics: Sequence[Topic | str], progress: Progress | None = None
+) -> list[Recording]:
+    """
+    Return several topics of a recording, read in one pass over the file.
+
+    Parameters and errors are those of ``load``; a topic of which nothing can be read
+    is left out and reported in ``source.problems``, unless it is the only one.
+    """
+    wanted = {topic.name: topic for topic in map(source.topic, topics)}
+    chunks: dict[str, list[Chunk]] = {name: [] for name in wanted}
+    expected = sum(topic.count for topic in wanted.values())
+    done = 0
+    for name, chunk in source.reader.chunks(tuple(wanted.values()), source.problems):
+        chunks[name].append(chunk)
+        done += len(chunk)
+        if progress is not None:
+            progress(done, max(done, expected))
+    missing = [topic for name, topic in wanted.items() if not chunks[name]]
+    if len(missing) == len(wanted):
+        raise RecordingError(
+            f'{source.path}: no message could be read from '
+            f'{", ".join(map(str, missing))}{source.suspicion()}'
+        )
+    source.problems.extend(f'no message could be read from {topic}' for topic in missing)
+    return [
+        _recording(source, topic, chunks.pop(name))
+        for name, topic in wanted.items()
+        if topic not in missing
+    ]
+
+
+def _recording(source: Source, topic: Topic, chunks: list[Chunk]) -> Recording:
+    where = f'{source.path}, topic {topic.name}'
+    header = np.concatenate([chunk.stamps for chunk in chunks])
+    arrivals = [chunk.receive_ns for chunk in chunks if chunk.receive_ns is not None]
+    receive = np.concatenate(arrivals) if len(arrivals) == len(chunks) else None
+    columns: Columns = {name: _column(chunks, name) for name in _QUANTITIES}
+    frame_ids = list(dict.fromkeys(name for chunk in chunks for name in chunk.frame_ids))
+    chunks.clear()
+
+    notes = _count_notes(topic, source.announced.get(topic.name), header.size)
+    if len(frame_ids) > 1:
+        more = f' and {len(frame_ids) - _NAMED} more' if len(frame_ids) > _NAMED else ''
+        named = ', '.join(map(repr, frame_ids[:_NAMED]))
+        notes.append(f'several frame_ids on one topic: {named}{more}')
+    stamps, chosen, reason = choose(header, receive, source.reader.stamps_from)
+    if chosen != source.reader.stamps_from:
+        notes.append(f'stamps are the receive time: {reason}')
+    columns, finite, finite_notes = sift(columns, where)
+    notes.extend(finite_notes)
+    left_out = int(finite.size - np.count_nonzero(finite))
+    if left_out:
+        stamps = stamps[finite]
+        receive = None if receive is None else receive[finite]
+        columns = {name: None if c is None else c[finite] for name, c in columns.items()}
+    return Recording(
+        source=str(source.path),
+        topic=topic.name,
+        samples=Samples(stamps=stamps, **columns),
+        receive_ns=receive,
+        frame_id=frame_ids[0] if frame_ids else '',
+        announced=source.announced.get(topic.name),
+        stored=int(header.size),
+        left_out=left_out,
+        notes=tuple(notes),
+        stamp_source=chosen,
+        stamp_reason=reason,
+    )
+
+
+def _column(chunks: list[Chunk], name: str) -> npt.NDArray[np.float64] | None:
+    """Join one quantity; parts of a recording without it become NaN."""
+    parts = [getattr(chunk, name) for chunk in chunks]
+    present = [part for part in parts if part is not None]
+    if not present:
+        return None
+    if len(present) < len(parts):
+        tail = present[0].shape[1:]
+        parts = [
+            np.full((len(chunk), *tail), np.nan) if part is None else part
+            for chunk, part in zip(chunks, parts, strict=True)
+        ]
+    return np.concatenate(parts) if len(parts) > 1 else parts[0]
+
+
+def _count_notes(topic: Topic, announced: int | None, stored: int) -> list[str]:
+    if announced is not None and announced != stored:
+        return [f'the metadata announces {announced} messages on {topic.name}, {stored} were read']
+    return []

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a path to an opened recording: which format is it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from imu_bench.bags import bag, ros1
+from imu_bench.errors import RecordingError
+from imu_bench.offline.recordings.discovery import find_recordings
+from imu_bench.offline.recordings.options import ReadOptions
+from imu_bench.offline.recordings.source import Source
+
+_LISTED = 8
+
+
+def open_source(path: str | Path, options: ReadOptions | None = None) -> Source:
+    """
+    Open a recording of any known format; nothing is modified, little is read.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag of ROS 2 (folder or file), a bag of ROS 1, or a CSV or text file.
+    options : ReadOptions, optional
+        Columns, units and rate of a text file.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, it cannot be opened or it is no recording.
+    """
+    place = Path(path)
+    chosen = options or ReadOptions()
+    try:
+        return _open(place, chosen)
+    except FileNotFoundError as problem:
+        raise RecordingError(f'{place}: no such file or folder') from problem
+    except OSError as problem:
+        raise RecordingError(f'{place}: cannot be read: {problem.strerror}') from problem
+
+
+def _open(path: Path, options: ReadOptions) -> Source:
+    # imported late: each format brings its own libraries
+    if path.is_dir() and not bag.is_bag_folder(path):
+        raise RecordingError(f'{path}: this folder is no bag; {_inside(path)}')
+    if path.is_dir() or bag.kind(path):
+        from imu_bench.offline.recordings import bags
+
+        return bags.open_ros2(path)
+    with path.open('rb') as file:
+        start = file.read(len(ros1.ANY_VERSION))
+    if not start:
+        raise RecordingError(f'{path}: the file is empty')
+    if start == ros1.ANY_VERSION:
+        from imu_bench.offline.recordings import bags
+
+        return bags.open_ros1(path)
+    from imu_bench.offline.recordings import text
+
+    return text.open_text(path, options)
+
+
+def _inside(folder: Path) -> str:
+    try:
+        found = find_recordings(folder)
+    except RecordingError:
+        return 'it holds no bag, CSV or text file'
+    names = [str(path.relative_to(folder)) for path in found[:_LISTED]]
+    more = ', ...' if len(found) > _LISTED else ''
+    return f'name one of the {len(found)} recordings in it: {", ".join(names)}{more}'
