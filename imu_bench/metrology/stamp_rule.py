@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sample period and the coarseness of stamps, found before anything is known of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from imu_bench.errors import DataError
+import numpy as np
+import numpy.typing as npt
+
+Integers = npt.NDArray[np.int64]
+
+GROUPED = 0.25
+"""Samples closer than this, in periods, came together."""
+
+_HALF = 0.5
+_COARSE = 0.05
+_STRETCH = 4096
+_RESOLUTIONS = (10**9, 10**8, 10**7, 10**6, 10**5, 10**4)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """
+    What the judgement needs to know of the stamps.
+
+    Attributes
+    ----------
+    period : float
+        Sample period in ns, good to a per cent.
+    resolution : float
+        Step of the stamps in ns; 0 where it is much finer than the period.
+    """
+
+    period: float
+    resolution: float = 0.0
+
+    @classmethod
+    def of(cls, stamps: Integers, period: float | None = None) -> Rule:
+        """
+        Return the rule for these stamps, in ns; `period` in ns if it is known.
+
+        Raises
+        ------
+        DataError
+            If the stamps do not advance.
+        """
+        if period is None:
+            period = _rough_period(stamps)
+        return cls(period, _coarseness(stamps, period))
+
+    @property
+    def lateness(self) -> float:
+        """Lateness in periods from which samples are called missing."""
+        return _HALF + self.resolution / self.period
+
+
+def _stretches(stamps: Integers) -> list[Integers]:
+    """Return up to 16 stretches of stamps spread over the recording."""
+    if stamps.size <= 16 * _STRETCH:
+        return [stamps]
+    starts = np.linspace(0, stamps.size - _STRETCH, 16).astype(np.int64)
+    return [stamps[start : start + _STRETCH] for start in starts]
+
+
+def _rough_period(stamps: Integers) -> float:
+    """Return the sample period in ns: the usual step, or a long-lag mean for uneven stamps."""
+    stretches = _stretches(stamps)
+    steps = np.concatenate([np.diff(stretch) for stretch in stretches])
+    forward = steps[steps >= 0]
+    if not np.any(steps > 0):
+        fault = 'all stamps are equal' if not np.any(steps < 0) else 'the stamps run backwards'
+        raise DataError(
+            f'{fault} ({stamps.size} stamps from {int(stamps[0])} ns): no sample rate; '
+            'give the rate, or use a recording whose stamps advance'
+        )
+    size = stretches[0].size
+    lag = max(1, min(1024, size // 8 if size >= 256 else size // 4))
+    lagged = np.concatenate([stretch[lag:] - stretch[:-lag] for stretch in stretches])
+    lagged = lagged[lagged > 0]
+    overall = float(np.median(lagged)) / lag if lagged.size else float(np.mean(forward))
+    quarter, usual = np.quantile(forward, (0.25, 0.5), method='lower')
+    if 0 < quarter < 0.75 * usual:  # more than half of the samples may be lost
+        multiple = forward / quarter
+        if np.mean(np.abs(multiple - np.rint(multiple)) < 0.2) > 0.8:
+            usual = quarter
+    early = np.mean(forward <= _HALF * usual)
+    # losing four samples of five makes the overall rate five times lower, a burst far more
+    if early > 0.1 or usual < 0.2 * overall or _coarseness(stamps, float(usual)):
+        return _burst_period(stretches, overall)
+    return float(np.mean(forward[np.abs(forward - usual) < _HALF * usual]))
+
+
+def _burst_period(stretches: list[Integers], period: float) -> float:
+    """Return the sample period from the last stamps of bursts: how many came in what time."""
+    found = []
+    for stretch in stretches:
+        ends = np.flatnonzero(np.diff(stretch) >= GROUPED * period)
+        lag = max(1, min(256, ends.size // 4))
+        if ends.size > lag:
+            late, early = ends[lag:], ends[:-lag]
+            found.append((stretch[late] - stretch[early]) / (late - early))
+    return float(np.median(np.concatenate(found))) if found else period
+
+
+def _step_of(stamps: Integers, period: float) -> int:
+    """Return the decimal step that nearly all stamps are multiples of; 0 if it is fine."""
+    for step in _RESOLUTIONS:
+        if step < _COARSE * period:
+            break
+        # a stamp that went through a float64 of epoch seconds is off by up to 240 ns
+        off = np.abs((stamps + step // 2) % step - step // 2)
+        if np.mean(off <= min(300, step // 20)) > 0.999:
+            return step
+    return 0
+
+
+def _coarseness(stamps: Integers, period: float) -> float:
+    """
+    Return the step of stamps that were rounded to it, in ns; 0 if they were not.
+
+    Stamps that advance by exactly one period are multiples of it as well.  What
+    tells rounded stamps apart is that their steps vary, and yet no stamp strays
+    from a straight line by more than the step.
+    """
+    part = stamps[: 1 << 17]
+    step = _step_of(part, period)
+    if step == 0:
+        return 0.0
+    for size in (part.size, min(part.size, 16384), min(part.size, 1024)):
+        pieces = part[: part.size // size * size].reshape(-1, size)
+        jumps = np.count_nonzero(np.abs(np.diff(pieces, axis=1) - period) > _HALF * step, axis=1)
+        place = np.arange(size, dtype=np.float64)
+        place -= place.mean()
+        late = (pieces - pieces[:, :1]).astype(np.float64)
+        late -= late.mean(axis=1, keepdims=True)
+        late -= np.outer(late @ place / max(float(place @ place), 1.0), place)
+        straight = (np.ptp(late, axis=1) <= 1.1 * step + 600) & (jumps >= 4)
+        if np.mean(straight) >= _HALF:
+            return float(step)
+    return 0.0

@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Statistics of a still sensor: bias, noise, extremes, outliers, and how two sensors compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+from imu_bench.errors import DataError
+from imu_bench.metrology.estimate import CONFIDENCE, Estimate
+from imu_bench.metrology.moments import Moments
+import numpy as np
+import numpy.typing as npt
+from scipy import special
+
+Floats = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+MAD_TO_SIGMA = 1.0 / float(special.ndtri(0.75))
+"""1.4826: standard deviation of a normal distribution over its median absolute deviation."""
+
+LISTED_OUTLIERS = 1000
+"""Indices of the largest outliers are kept, up to this many; all are counted."""
+
+_PART = 1 << 20
+_SAMPLE = 1 << 14
+
+
+@dataclass(frozen=True, eq=False)
+class Outliers:
+    """
+    Samples too far out to belong to the noise.
+
+    Attributes
+    ----------
+    count : int
+    indices : ndarray of int64
+        Where the `LISTED_OUTLIERS` largest are, in order.
+    threshold : float
+        Distance from `centre` beyond which a sample is an outlier.
+    centre, scale : float
+        Median, and standard deviation from the median absolute deviation.
+    """
+
+    count: int
+    indices: npt.NDArray[np.int64]
+    threshold: float
+    centre: float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """
+    Statistics of one axis at rest.
+
+    Attributes
+    ----------
+    samples, left_out : int
+        Samples that went in; samples left out as not finite, or as outliers if asked.
+    mean, std : Estimate
+        Bias, and standard deviation (n - 1).
+    rms, rms_total : Estimate
+        RMS about the mean, and about zero.
+    minimum, maximum, peak, peak_to_peak : Estimate
+        Extremes of this record; `peak` is the largest distance from the mean.
+        They grow with the length of a record and carry no interval.
+    three_sigma : Estimate
+        Three standard deviations.
+    freedom : float
+        Equivalent degrees of freedom of the variance.
+    outliers : Outliers
+    """
+
+    samples: int
+    left_out: int
+    mean: Estimate
+    std: Estimate
+    rms: Estimate
+    rms_total: Estimate
+    minimum: Estimate
+    maximum: Estimate
+    peak: Estimate
+    peak_to_peak: Estimate
+    three_sigma: Estimate
+    freedom: float
+    outliers: Outliers
+
+
+def describe(
+    data: npt.ArrayLike,
+    unit: str,
+    confidence: float = CONFIDENCE,
+    *,
+    valid: npt.ArrayLike | None = None,
+    drop_outliers: bool = False,
+) -> Statistics:
+    """
+    Return the statistics of one axis.
+
+    Parameters
+    ----------
+    data : array_like, shape (n,)
+    unit : str
+        Unit of the data.
+    confidence : float
+        Level of the intervals.
+    valid : array_like of bool, shape (n,), optional
+        False where the regular grid holds no sample.
+    drop_outliers : bool
+        Leave outliers out; they are counted and kept otherwise.
+
+    Raises
+    ------
+    DataError
+        If no finite sample is left, or the shapes disagree.
+
+    Notes
+    -----
+    Intervals of mean, standard deviation and RMS hold for correlated noise, see
+    `imu_bench.metrology.moments`; with fewer than 32 samples they assume
+    independent ones.
+
+    Examples
+    --------
+    >>> s = describe([9.7, 9.8, 9.9, 9.8], 'm/s²')
+    >>> round(s.mean.value, 3), round(s.std.value, 4), round(s.peak_to_peak.value, 3)
+    (9.8, 0.0816, 0.2)
+    """
+    values = _usable(data, valid)
+    given = int(np.size(data)) if valid is None else int(np.count_nonzero(valid))
+    found = outliers(values)
+    if drop_outliers and found.count:
+        values = values[np.abs(values - found.centre) <= found.threshold]
+    moments = Moments.of(values[None, :])
+    mean = moments.mean_estimate(0, unit, confidence)
+    std = moments.std_estimate(0, unit, confidence)
+    low, high = float(values.min()), float(values.max())
+    middle = float(moments.total_mean[0])
+
+    def observed(value: float) -> Estimate:
+        return Estimate(value, None, None, unit, confidence, method='observed')
+
+    return Statistics(
+        samples=int(values.size),
+        left_out=given - int(values.size),
+        mean=mean,
+        std=std,
+        rms=moments.rms_estimate(0, unit, confidence),
+        rms_total=moments.total_rms_estimate(0, unit, confidence),
+        minimum=observed(low),
+        maximum=observed(high),
+        peak=observed(max(high - middle, middle - low)),
+        peak_to_peak=observed(high - low),
+        three_sigma=std.scaled(3.0, unit),
+        freedom=moments.freedom(0),
+        outliers=found,
+    )
+
+
+def _usable(data: npt.ArrayLike, valid: npt.ArrayLike | None) -> Floats:
+    values = np.asarray(data, dtype=np.float64)
+    if values.ndim != 1:
+        raise DataError(f'data must have shape (n,), got {values.shape}')
+    usable = np.isfinite(values)
+    if valid is not None:
+        mask = np.asarray(valid, dtype=np.bool_)
+        if mask.shape != values.shape:
+            raise DataError(f'valid has shape {mask.shape}, the data {values.shape}')
+        usable &= mask
+    if not usable.all():
+        values = values[usable]
+    if values.size == 0:
+        raise DataError('no finite samples: nothing to describe')
+    return values
+
+
+def resolution(data: npt.ArrayLike) -> float:
+    """
+    Return the step of quantised data; 0 if the data show none.
+
+    Examples
+    --------
+    >>> resolution(np.round(np.sin(np.arange(1000.0)), 2)).__round__(6)
+    0.01
+    """
+    values = np.asarray(data, dtype=np.float64)
+    codes = np.unique(values[: 1 << 16])
+    if codes.size < 2 or codes.size > values[: 1 << 16].size // 4:
+        return 0.0
+    steps = np.diff(codes)
+    step = float(np.median(steps[steps < 1.5 * steps.min()]))
+    # a float that went through text or another unit is off by rounding
+    off = np.abs(steps / step - np.rint(steps / step))
+    return step if float(np.mean(off < 0.1)) > 0.95 else 0.0
+
+
+def _robust(values: Floats) -> tuple[float, float]:
+    """Return centre and scale from the median, of a part of very long data."""
+    part = values
+    if values.size > _PART:
+        starts = np.linspace(0, values.size - _SAMPLE, _PART // _SAMPLE).astype(np.int64)
+        part = np.concatenate([values[start : start + _SAMPLE] for start in starts])
+    centre = float(np.median(part))
+    off = np.abs(part - centre)
+    scale = MAD_TO_SIGMA * float(np.median(off))
+    if scale == 0.0:  # more than half of the samples are equal
+        scale = math.sqrt(math.pi / 2.0) * float(np.mean(off))
+        step = resolution(part)
+        scale = max(min(scale, step), step / math.sqrt(12.0)) if step else scale
+    return centre, scale
+
+
+def outliers(data: npt.ArrayLike) -> Outliers:
+    """
+    Return the samples too far from the median to belong to the noise.
+
+    The distance is measured in standard deviations from the median absolute
+    deviation (B. Iglewicz and D. C. Hoaglin 1993, "How to Detect and Handle Outliers",
+    ASQC, chapter 3).  Their fixed limit of 3.5 would call five in ten thousand good
+    samples outliers; here the limit grows with the number of samples, so that
+    normal noise has one outlier in twenty records, whatever their length.
+
+    Parameters
+    ----------
+    data : array_like, shape (n,)
+        Finite samples.
+
+    Raises
+    ------
+    DataError
+        If there are none.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(1).normal(size=10_000)
+    >>> x[[5, 77]] = 40.0, -30.0
+    >>> outliers(x).indices.tolist()
+    [5, 77]
+    """
+    values = np.asarray(data, dtype=np.float64)
+    if values.size == 0:
+        raise DataError('no samples: no outliers to look for')
+    centre, scale = _robust(values)
+    limit = max(3.5, -float(special.ndtri(0.05 / 2.0 / values.size)))
+    threshold = limit * scale
+    chosen: list[npt.NDArray[np.int64]] = []
+    for start in range(0, values.size, _PART):
+        off = np.abs(values[start : start + _PART] - centre)
+        chosen.append(np.flatnonzero(off > threshold) + start)
+    found = np.concatenate(chosen)
+    listed = found
+    if found.size > LISTED_OUTLIERS:
+        largest = np.argsort(-np.abs(values[found] - centre), kind='stable')[:LISTED_OUTLIERS]
+        listed = np.sort(found[largest])
+    return Outliers(int(found.size), listed, threshold, centre, scale)
+
+
+def variance_ratio(
+    numerator: Statistics, denominator: Statistics, confidence: float = CONFIDENCE
+) -> Estimate:
+    """
+    Return the ratio of the variances of two sensors.
+
+    The interval is that of the F distribution with the equivalent degrees of
+    freedom of both; it assumes that the two records are independent.
+
+    Raises
+    ------
+    DataError
+        If the units differ, or a standard deviation is missing or zero.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> noisy, quiet = (describe(rng.normal(0, s, 5000), 'm/s²') for s in (3.0, 1.0))
+    >>> round(variance_ratio(noisy, quiet).value, 1)
+    9.1
+    """
+    if numerator.std.unit != denominator.std.unit:
+        raise DataError(
+            f'cannot compare a sensor in {numerator.std.unit} with one in {denominator.std.unit}'
+        )
+    if numerator.std.value is None or not denominator.std.value:
+        raise DataError('a ratio needs two standard deviations, the second not zero')
+    value = (numerator.std.value / denominator.std.value) ** 2
+    tail = (1.0 - confidence) / 2.0
+    first, second = numerator.freedom, denominator.freedom
+    low = value / float(special.fdtri(first, second, 1.0 - tail))
+    high = value * float(special.fdtri(second, first, 1.0 - tail))
+    return Estimate(value, low, high, '1', confidence, method='F distribution')
+
+
+def std_ratio(
+    numerator: Statistics, denominator: Statistics, confidence: float = CONFIDENCE
+) -> Estimate:
+    """
+    Return the ratio of the standard deviations of two sensors; see `variance_ratio`.
+
+    Raises
+    ------
+    DataError
+        If the units differ, or a standard deviation is missing or zero.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> noisy, quiet = (describe(rng.normal(0, s, 5000), 'm/s²') for s in (3.0, 1.0))
+    >>> round(std_ratio(noisy, quiet).value, 1)
+    3.0
+    """
+    square = variance_ratio(numerator, denominator, confidence)
+    value, low, high = (math.sqrt(v or 0.0) for v in (square.value, square.low, square.high))
+    return Estimate(value, low, high, '1', confidence, method=square.method)
