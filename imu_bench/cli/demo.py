@@ -122,14 +122,16 @@ def _live(
 
 
 def _start(bench: BenchConfig, folder: Path, processes: BenchProcesses) -> None:
+    from imu_bench.config.location import config_file
     import yaml
 
     recorder = {'output': str((folder / 'bag').resolve()), 'storage': bench.recorder.storage}
     analysis = {'window_s': bench.analysis.window_s, 'confidence': bench.analysis.confidence}
-    for name, settings in (('recorder', recorder), ('analysis', analysis)):
-        arguments = [f'{key}:={value}' for key, value in settings.items()]
-        flags = [flag for argument in arguments for flag in ('-p', argument)]
-        processes.start(name, f'imu_bench.nodes.{name}_node', ['--ros-args', *flags])
+    reliable = ['--params-file', str(config_file('analysis.yaml'))]
+    for name, settings, files in (('recorder', recorder, []), ('analysis', analysis, reliable)):
+        flags = [flag for key, value in settings.items() for flag in ('-p', f'{key}:={value}')]
+        module = f'imu_bench.nodes.{name}_node'
+        processes.start(name, module, ['--ros-args', *files, *flags])
     for sensor in bench.sensors:
         own = folder / 'log' / f'{sensor.name}.yaml'
         settings = {'/**': {'ros__parameters': dict(bench.overrides[sensor.name])}}

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Health on /diagnostics, once a second, as diagnostic_msgs/DiagnosticArray."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from imu_bench.acquisition import AcquisitionStats
+from imu_bench.metrology.estimate import Estimate
+from msg_conversions import building
+from rclpy.node import Node
+
+TOPIC = '/diagnostics'
+PERIOD_S = 1.0
+
+RATE_TOLERANCE = 0.02
+"""A sensor that delivers less than this much below its own rate is too slow."""
+
+
+class Diagnostics:
+    """
+    Publishes the statuses of a node, every `PERIOD_S` and when asked.
+
+    Parameters
+    ----------
+    node : Node
+    statuses : callable
+        Returns what to publish now.
+    """
+
+    def __init__(self, node: Node, statuses: Callable[[], Iterable[DiagnosticStatus]]) -> None:
+        self._node = node
+        self._statuses = statuses
+        self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
+        node.create_timer(PERIOD_S, self.publish)
+
+    def publish(self) -> None:
+        """Publish now."""
+        now_ns = self._node.get_clock().now().nanoseconds
+        self._publisher.publish(building.diagnostic_array(now_ns, self._statuses()))
+
+
+class Losses(NamedTuple):
+    """Counts that only grow; what grew since the last look is a fault of now."""
+
+    lost: int = 0
+    bus_errors: int = 0
+    recoveries: int = 0
+
+    @classmethod
+    def of(cls, stats: AcquisitionStats) -> Losses:
+        """Return the counts of an acquisition."""
+        return cls(stats.lost, stats.bus_errors, stats.recoveries)
+
+
+def number(name: str, estimate: Estimate) -> dict[str, str]:
+    """
+    Return the entries of a measured number: value, ends of its interval; or why there is none.
+
+    Examples
+    --------
+    >>> number('rate_hz', Estimate(100.0, 99.5, 100.5, 'Hz'))
+    {'rate_hz': '100', 'rate_hz.low': '99.5', 'rate_hz.high': '100.5'}
+    >>> number('rate_hz', Estimate.not_observable('Hz', 'no data yet'))
+    {'rate_hz': 'not observable: no data yet'}
+    """
+    if not estimate.observable:
+        return {name: f'not observable: {estimate.reason}'}
+    entries = {name: estimate.value, f'{name}.low': estimate.low, f'{name}.high': estimate.high}
+    return {key: f'{value:.9g}' for key, value in entries.items() if value is not None}
+
+
+def judge(stats: AcquisitionStats, before: Losses) -> tuple[str, str]:
+    """
+    Return level and one line about an acquisition that should be running.
+
+    Parameters
+    ----------
+    stats : AcquisitionStats
+    before : Losses
+        The counts of the status before this one.
+    """
+    if stats.error:
+        return 'error', f'{stats.state}: {stats.error}'
+    if stats.state != 'running':
+        return 'warn', stats.state
+    now, then = Losses.of(stats)._asdict(), before._asdict()
+    grown = [
+        f'{count - then[name]} {name.replace("_", " ")}'
+        for name, count in now.items()
+        if count != then[name]
+    ]
+    if grown:
+        return 'warn', f'since the last report: {", ".join(grown)}'
+    slow = _too_slow(stats)
+    if slow:
+        return 'warn', slow
+    return 'ok', 'running'
+
+
+def _too_slow(stats: AcquisitionStats) -> str:
+    delivered, expected = stats.delivered.value, stats.rate.value or stats.nominal_hz
+    if delivered is None or stats.delivered.high is None:
+        return ''
+    if stats.delivered.high < (1.0 - RATE_TOLERANCE) * expected:
+        return f'delivers {delivered:.6g} Hz of {expected:.6g} Hz'
+    return ''
+
+
+def acquisition_values(stats: AcquisitionStats) -> dict[str, Any]:
+    """Return everything an acquisition counts and measures, by key."""
+    return {
+        'state': stats.state,
+        'part': stats.part,
+        'nominal_hz': f'{stats.nominal_hz:g}',
+        **number('rate_hz', stats.rate),
+        **number('rate_error_ppm', stats.rate_error),
+        **number('delivered_hz', stats.delivered),
+        **number('jitter_s', stats.jitter),
+        'samples': stats.samples,
+        'lost': stats.lost,
+        'dropped': stats.dropped,
+        'bus_errors': stats.bus_errors,
+        'failures': stats.failures,
+        'recoveries': stats.recoveries,
+        'late': stats.late,
+        'queued': stats.queued,
+        **{f'counter.{name}': count for name, count in stats.counters.items()},
+    }

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Declared settings as ROS parameters: description, type and range from one declaration.
+
+rclpy ignores parameters that nobody declared, so a misspelt name in a file would change
+nothing without a word.  Here everything the user gave is collected first and checked as a
+whole by the same code that checks the files of the bench; then each setting is declared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import math
+import sys
+from typing import Any
+
+from imu_bench.config import REQUIRED, Setting
+from imu_bench.config.schema import check_all, raise_if_any
+from imu_bench.config.sensor import ROS_OWN
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterType
+from rclpy.node import Node
+
+SOURCE = 'parameters'
+"""How error texts name the place of a setting: 'parameters.rate_hz: …'."""
+
+_TYPES = {
+    'bool': ParameterType.PARAMETER_BOOL,
+    'int': ParameterType.PARAMETER_INTEGER,
+    'float': ParameterType.PARAMETER_DOUBLE,
+    'str': ParameterType.PARAMETER_STRING,
+    'strs': ParameterType.PARAMETER_STRING_ARRAY,
+}
+
+
+def take_given(node: Node) -> dict[str, Any]:
+    """
+    Return the parameters that the user gave, by name, and leave none of them declared.
+
+    Parameters
+    ----------
+    node : Node
+        Made with ``automatically_declare_parameters_from_overrides=True``.
+    """
+    given: dict[str, Any] = {}
+    for name, parameter in dict[str, Any](node.get_parameters_by_prefix('')).items():
+        if name in ROS_OWN:
+            continue
+        # those of ROS below a prefix are declared anew, read-only, when they are needed
+        node.undeclare_parameter(name)
+        if name.partition('.')[0] not in ROS_OWN and parameter.value is not None:
+            given[name] = parameter.value
+    return given
+
+
+def descriptor(setting: Setting) -> ParameterDescriptor:
+    """
+    Return the read-only descriptor of a setting.
+
+    Examples
+    --------
+    >>> rate = Setting('rate_hz', 100.0, 'Output data rate.', bounds=(1.0, 400.0), unit='Hz')
+    >>> made = descriptor(rate)
+    >>> made.description, made.additional_constraints, made.floating_point_range[0].to_value
+    ('Output data rate. [Hz]', '1 to 400 Hz', 400.0)
+    """
+    unit = f' [{setting.unit}]' if setting.unit else ''
+    made = ParameterDescriptor(
+        name=setting.name,
+        description=setting.description + unit,
+        additional_constraints=setting.constraint,
+        read_only=True,
+    )
+    if setting.kind in _TYPES:
+        made.type = _TYPES[setting.kind]
+    else:
+        # a quantity is a text or a list of texts
+        made.dynamic_typing = True
+    if setting.bounds is not None and setting.kind == 'float':
+        low, high = (_finite(bound) for bound in setting.bounds)
+        made.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+    if setting.bounds is not None and setting.kind == 'int':
+        low, high = (int(_finite(bound)) for bound in setting.bounds)
+        made.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+    return made
+
+
+def _finite(bound: float) -> float:
+    return math.copysign(sys.float_info.max, bound) if math.isinf(bound) else float(bound)
+
+
+def declare(node: Node, settings: Iterable[Setting], given: dict[str, Any]) -> None:
+    """
+    Declare settings that have been checked, with what was given or their defaults.
+
+    Parameters
+    ----------
+    node : Node
+    settings : iterable of Setting
+    given : dict
+        From `take_given`.
+    """
+    for setting in settings:
+        value = given.get(setting.name, setting.default)
+        if value is REQUIRED:
+            continue
+        if setting.kind == 'strs':
+            value = list(value)
+        elif setting.kind == 'quantity' and setting.name not in given:
+            # a default in SI units has no text form that the user could have written
+            value = None
+        node.declare_parameter(setting.name, value, descriptor(setting), ignore_override=True)
+
+
+def read(node: Node, settings: Iterable[Setting]) -> dict[str, Any]:
+    """
+    Check everything the user gave against the settings, declare them, return their values.
+
+    Raises
+    ------
+    ConfigError
+        With every problem, one line each: name, value, and what is allowed.
+    """
+    settings = tuple(settings)
+    given = take_given(node)
+    problems: list[str] = []
+    values = check_all(given, settings, SOURCE, problems)
+    raise_if_any(problems)
+    declare(node, settings, given)
+    return values

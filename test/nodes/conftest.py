@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes on a context of their own, spun by hand until something has happened."""
+
+from collections.abc import Callable
+import os
+import subprocess
+import sys
+import time
+import warnings
+
+import pytest
+
+with warnings.catch_warnings():
+    # the first serialisation of rclpy imports a parser that uses a deprecated module
+    warnings.simplefilter('ignore', DeprecationWarning)
+    import rosidl_generator_py  # noqa: F401
+
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+PATIENCE_S = 30.0
+"""Nothing waits this long on a healthy machine; it ends a test that would hang."""
+
+
+class Ros:
+    """A context with its nodes."""
+
+    def __init__(self):
+        self.context = Context()
+        self.context.init(args=[])
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.nodes = []
+
+    def add(self, make: Callable[..., Node], *args, parameters=None, **options):
+        """Make a node with parameters as a user would give them, and spin it from now on."""
+        overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
+        node = make(*args, context=self.context, parameter_overrides=overrides, **options)
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def spin_until(self, happened: Callable[[], object], what: str = ''):
+        """Spin until something is true and return it."""
+        deadline = time.monotonic() + PATIENCE_S
+        while not (result := happened()):
+            if time.monotonic() > deadline:
+                raise AssertionError(f'did not happen within {PATIENCE_S:g} s: {what or happened}')
+            self.executor.spin_once(timeout_sec=0.1)
+        return result
+
+    def call(self, client, request):
+        """Call a service and return its response."""
+        self.spin_until(client.service_is_ready, client.srv_name)
+        future = client.call_async(request)
+        self.spin_until(future.done, client.srv_name)
+        return future.result()
+
+    def close(self):
+        """Close every node in the order in which a process would."""
+        for node in self.nodes:
+            if hasattr(node, 'close'):
+                node.close()
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.executor.shutdown()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def ros():
+    """Give a context of ROS 2 with a hand-spun executor."""
+    made = Ros()
+    yield made
+    made.close()
+
+
+class Process:
+    """One executable of the bench, as a user would start it."""
+
+    def __init__(self, module, *arguments, **environment):
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', module, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, 'PYTHONUNBUFFERED': '1', **environment},
+        )
+
+    def wait_for(self, text):
+        """Return the first line of output that contains a text."""
+        lines = []
+        for line in self.process.stdout:
+            lines.append(line)
+            if text in line:
+                return line
+        raise AssertionError(f'{text!r} is not in the output:\n{"".join(lines)}')
+
+    def finish(self):
+        """Wait for the end; return exit code and the rest of the output."""
+        output, _ = self.process.communicate(timeout=PATIENCE_S)
+        return self.process.returncode, output
+
+
+@pytest.fixture
+def start():
+    """Start executables that do not outlive the test."""
+    running = []
+
+    def start_one(module, *arguments, **environment):
+        running.append(Process(module, *arguments, **environment))
+        return running[-1]
+
+    yield start_one
+    for each in running:
+        if each.process.poll() is None:
+            each.process.kill()
+        each.process.communicate()

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sensor node as a process: how it starts, how it is refused, how it ends."""
+
+import os
+import signal
+
+import pytest
+
+pytestmark = pytest.mark.ros
+
+SENSOR = 'imu_bench.nodes.sensor_node'
+GENERIC = (
+    '-p', 'driver:=generic', '-p', 'backend:=emulated', '-p', 'rate_hz:=100.0',
+    '-p', 'simulation.acceleration.noise_density:="60 µg/√Hz"',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_cleanly_on_a_signal_and_survives_a_second(start, number):
+    node = start(SENSOR, '--ros-args', *GENERIC, '-r', '__ns:=/bench/x')
+    assert 'bench.x.sensor_node' in node.wait_for('emulated generic')
+    node.process.send_signal(number)
+    node.process.send_signal(number)
+    code, output = node.finish()
+    assert code == 0, output
+    assert 'Traceback' not in output
+
+
+def test_a_signal_before_it_is_up_is_not_lost(start):
+    node = start(SENSOR, '--ros-args', *GENERIC, PYTHONSTARTUP='')
+    node.wait_for('not measurements')
+    node.process.send_signal(signal.SIGINT)
+    code, output = node.finish()
+    assert code == 0, output
+
+
+def test_a_wrong_parameter_ends_it_with_one_clear_line(start):
+    node = start(SENSOR, '--ros-args', *GENERIC, '-p', 'rate_hz:=0.01')
+    code, output = node.finish()
+    assert code == 1
+    assert output.count('\n') == 1, output
+    assert 'rate_hz: 0.01 is not allowed; allowed: 0.1 to 50000 Hz' in output
+
+
+def test_a_sensor_that_is_not_there_ends_it(start):
+    node = start(
+        SENSOR, '--ros-args', '-p', 'driver:=mpu9250', '-p', 'backend:=hardware',
+        '-p', 'bus:=i2c-99',
+    )  # fmt: skip
+    code, output = node.finish()
+    assert code == 1
+    assert 'i2c-99' in output
+    assert 'Traceback' not in output
+
+
+def test_an_argument_that_is_not_ros_is_wrong_usage(start):
+    code, output = start(SENSOR, 'mpu9250.yaml').finish()
+    assert code == 2
+    assert "unknown argument 'mpu9250.yaml'" in output
+
+
+def test_malformed_ros_arguments_are_an_error(start):
+    code, output = start(SENSOR, '--ros-args', '--params-file', 'not_there.yaml').finish()
+    assert code == 1
+    assert 'not_there.yaml' in output
+    assert 'Traceback' not in output
+
+
+def test_without_ros_it_says_how_to_install_it(start, tmp_path):
+    # a module of that name that is not there, as on a machine without ROS 2
+    (tmp_path / 'sitecustomize.py').write_text(
+        'import sys\n'
+        'class Missing:\n'
+        '    def find_spec(self, name, path=None, target=None):\n'
+        '        if name == "rclpy":\n'
+        '            raise ModuleNotFoundError(f"No module named {name!r}", name=name)\n'
+        'sys.meta_path.insert(0, Missing())\n'
+    )
+    path = os.pathsep.join([str(tmp_path), os.environ.get('PYTHONPATH', os.getcwd())])
+    code, output = start(SENSOR, PYTHONPATH=path).finish()
+    assert code == 1
+    assert output.startswith('ROS 2 is not installed')
+    assert output.count('\n') == 1
