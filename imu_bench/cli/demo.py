@@ -134,8 +134,8 @@ def _start(bench: BenchConfig, folder: Path, processes: BenchProcesses) -> None:
         processes.start(name, module, ['--ros-args', *files, *flags])
     for sensor in bench.sensors:
         own = folder / 'log' / f'{sensor.name}.yaml'
-        settings = {'/**': {'ros__parameters': dict(bench.overrides[sensor.name])}}
-        own.write_text(yaml.safe_dump(settings), encoding='utf-8')
+        document = {'/**': {'ros__parameters': dict(bench.overrides[sensor.name])}}
+        own.write_text(yaml.safe_dump(document), encoding='utf-8')
         files = ['--params-file', str(bench.files[sensor.name])]
         if bench.overrides[sensor.name]:
             files += ['--params-file', str(own)]

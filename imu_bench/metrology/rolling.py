@@ -149,12 +149,16 @@ class RollingAnalysis:
         samples = round(window_s * rate_hz)
         if samples < _LEAST:
             raise DataError(f'{window_s:g} s at {rate_hz:g} Hz hold fewer than {_LEAST} samples')
-        self.m = averaging_factors(samples, 'log' if taus is None else list(taus), rate_hz)
+        # the true rate may be above the nominal one: its window holds longer averages
+        most = math.ceil(samples * MARGIN) + BIN
+        self._grid = taus is None
+        self.m = averaging_factors(
+            most if self._grid else samples, 'log' if taus is None else list(taus), rate_hz
+        )
         self._units = tuple(units)
         self._confidence = confidence
         self._window_ns = round(window_s / _NANO)
         self._nominal_s = 1.0 / rate_hz
-        most = math.ceil(samples * MARGIN) + BIN
         self._ring = SampleRing(axes, most, max(most // 4, 8 * BIN) + PENDING)
         self._sums = WindowSums(self._ring, self.m)
         self._intake = Intake(axes, self._nominal_s / _NANO, most)
@@ -305,8 +309,10 @@ class RollingAnalysis:
         self, start: int, counted: int, period_s: float, runs: Integers, span: int
     ) -> tuple[DeviationCurve | None, ...]:
         ring = self._ring
+        # the named grid ends at a third of the data, also while the window fills
+        wanted = self.m[np.isin(self.m, averaging_factors(span))] if self._grid else self.m
         try:
-            m, omitted = possible('oadev', self.m, runs, period_s)
+            m, omitted = possible('oadev', wanted, runs, period_s)
         except NoAveragingTime:
             return (None,) * len(self._units)
         some = np.isin(self.m, m)

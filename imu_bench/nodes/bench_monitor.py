@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 import math
 import threading
 from types import TracebackType
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped
@@ -76,7 +78,7 @@ class BenchMonitor:
 
     def __enter__(self) -> BenchMonitor:
         rclpy.init()
-        self._node = rclpy.create_node('bench_monitor')
+        self._node: Any = rclpy.create_node('bench_monitor')  # rclpy of Jazzy has few type hints
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnostics, 10)
         for name in self.sensors:
             for quantity in IMU_QUANTITIES:
@@ -115,7 +117,7 @@ class BenchMonitor:
                 view.message = status.message
                 view.values = {pair.key: pair.value for pair in status.values}
 
-    def _listener(self, name: str, quantity: str):
+    def _listener(self, name: str, quantity: str) -> Callable[[Vector3Stamped], None]:
         def listen(message: Vector3Stamped) -> None:
             vector = (message.vector.x, message.vector.y, message.vector.z)
             axes = [value for value in vector if not math.isnan(value)]

@@ -10,6 +10,7 @@ from imu_bench.errors import DataError, NotReady
 from imu_bench.metrology import coefficients, timing
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
+from imu_bench.metrology.noise_fit import fitted
 from imu_bench.metrology.rolling import RollingAnalysis, Window
 from imu_bench.samples import AXES, IMU_QUANTITIES, Quantity
 from msg_conversions.cdr import ImuBlock
@@ -132,7 +133,7 @@ class LiveAnalysis:
                 '1', 'not measured, or the window is too short yet', confidence=self.confidence
             )
             return nothing, nothing
-        model = coefficients.fit(curve, confidence=self.confidence)
+        model = fitted(curve, self.confidence)
         return coefficients.noise_density(model, 'one'), model.B
 
     def _measure(self, stamps: npt.NDArray[np.int64]) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rolling metrics of one stream, without ROS."""
 
+from imu_bench.metrology import allan
 from imu_bench.nodes.live_analysis import LiveAnalysis
 from msg_conversions.cdr import ImuBlock
 import numpy as np
@@ -37,6 +38,9 @@ def test_nothing_is_given_before_the_rate_is_known():
     result = live.result()
     assert live.rate_hz == pytest.approx(100.0)
     assert result.window.samples == 250
+    # the averaging times of the batch for so many samples, not those of a full window
+    expected = allan.averaging_factors(250)
+    assert result.curves['angular_velocity.z'].m.tolist() == expected.tolist()
     assert list(result.curves) == [
         f'{q}.{a}' for q in ('linear_acceleration', 'angular_velocity') for a in 'xyz'
     ]
