@@ -8,8 +8,9 @@ Nothing below this floor knows whether a sensor is real; nothing above it has to
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from imu_bench import config, drivers
 from imu_bench.acquisition import Acquisition, Device
@@ -18,7 +19,14 @@ from imu_bench.bus.interface import Clock
 from imu_bench.bus.opening import kind_of, open_bus
 from imu_bench.config import BenchConfig, SensorConfig
 from imu_bench.config.schema import Checkable
+from imu_bench.drivers.driver import Driver
 from imu_bench.errors import ConfigError
+from imu_bench.registers import Channel, Field, Typical
+from imu_bench.units import convert
+
+if TYPE_CHECKING:
+    from imu_bench.simulation.scenario import Scenario
+    from imu_bench.simulation.simulated import SimulatedSensor
 
 GENERIC = 'generic'
 """Name of the driver that stands in for a sensor that has none yet."""
@@ -135,6 +143,68 @@ def build(
     )
 
 
+def simulate(sensor: SensorConfig, scenario: Scenario, *, run: int = 0) -> SimulatedSensor:
+    """
+    Return a sensor that is only computed: no wire, and no clock that anybody waits for.
+
+    A sensor with a driver has its typical values, with range, resolution and filter as set.
+
+    Parameters
+    ----------
+    sensor : SensorConfig
+        Whatever its backend.
+    scenario : Scenario
+        How the bench moves, the same one for all of its sensors.
+    run : int
+        Another run gives other noise of the same sensor.
+
+    Raises
+    ------
+    ConfigError
+        If settings or errors make no sense.
+    """
+    from imu_bench.simulation.clock import SimulatedClock, START_NS
+    from imu_bench.simulation.simulated import SimulatedSensor
+    from imu_bench.simulation.world import errors_of, sensor_source
+
+    device = _emulated(sensor, SimulatedClock())
+    typical = _typical_as_set(device) if isinstance(device, Driver) else {}
+    rates = {
+        quantity: device.rates_hz.get(quantity, device.rate_hz)
+        for quantity in errors_of(sensor, typical)
+    }
+    sources = [
+        sensor_source(
+            sensor, typical, rate, START_NS, tuple(q for q in rates if rates[q] == rate),
+            scenario=scenario, run=run,
+        )
+        for rate in dict.fromkeys(rates.values())
+    ]  # fmt: skip
+    return SimulatedSensor(sensor, tuple(sources))
+
+
+def _typical_as_set(driver: Driver) -> dict[str, Typical]:
+    """Return the typical values of a driver, with range, resolution and filter as it is set."""
+    found = dict(driver.typical)
+    names = {id(field): name for name, field in driver.declared(Field).items()}
+    channels: list[Channel] = list(driver.declared(Channel).values())  # type: ignore[type-abstract]
+    quantities = [channel.quantity for channel in channels]
+    for channel in channels:
+        # of a quantity with words of several lengths the document's own values are kept
+        if channel.quantity not in found or quantities.count(channel.quantity) > 1:
+            continue
+        setting = names.get(id(channel.scaled_by), '')
+        full_scale = driver.values.get(setting)
+        changed: dict[str, Any] = {'resolution': tuple(channel.resolution(full_scale))}
+        if channel.scaled_by is not None and isinstance(full_scale, float):
+            changed['range'] = convert(full_scale, channel.scaled_by.unit, channel.unit)
+        bandwidth = driver.values.get(setting.replace('_range', '_bandwidth'))
+        if setting and isinstance(bandwidth, float) and bandwidth > 0.0:
+            changed['bandwidth'] = bandwidth
+        found[channel.quantity] = replace(found[channel.quantity], **changed)
+    return found
+
+
 def _hardware(sensor: SensorConfig, clock: Clock) -> Device:
     if sensor.driver == GENERIC:
         raise ConfigError(
@@ -158,7 +228,7 @@ def _emulated(sensor: SensorConfig, clock: Clock) -> Device:
     kinds = driver.bus_kinds
     kind = sensor.bus if sensor.bus in ('', *kinds) else kind_of(sensor.bus)
     # the emulated chip restarts the source at the rate its registers ask for
-    source = sensor_source(sensor, driver.typical, 1.0, clock.now_ns())
+    source = sensor_source(sensor, driver.typical, 1.0, clock.now_ns(), on_wire=True)
     buses = emulators.create(sensor.driver, kind or kinds[0], source, clock)
     # the emulated chip is switched on here, a real one was long ago
     clock.sleep(POWER_UP_S)

@@ -26,7 +26,7 @@ LINEAR_ACCELERATION = Quantity('linear_acceleration', 'acceleration', 'm/s²')
 ANGULAR_VELOCITY = Quantity('angular_velocity', 'angular_velocity', 'rad/s')
 IMU_QUANTITIES = (LINEAR_ACCELERATION, ANGULAR_VELOCITY)
 
-_VECTORS = ('acceleration', 'angular_velocity', 'magnetic_field')
+_VECTORS = ('acceleration', 'angular_velocity', 'magnetic_field', 'inclination')
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +49,8 @@ class Samples:
         In tesla.
     temperature : ndarray of float64, shape (n,), or None
         In degrees Celsius.
+    inclination : ndarray of float64, shape (n, 3), or None
+        Angle of each axis above the horizontal plane in rad, as an inclinometer computes it.
 
     Examples
     --------
@@ -64,6 +66,7 @@ class Samples:
     angular_velocity: npt.NDArray[np.float64] | None = None
     magnetic_field: npt.NDArray[np.float64] | None = None
     temperature: npt.NDArray[np.float64] | None = None
+    inclination: npt.NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         stamps = _frozen(np.asarray(self.stamps, dtype=np.int64))
@@ -97,6 +100,21 @@ class Samples:
             for field in fields(self)
         }
         return Samples(**columns)
+
+    def restamped(self, stamps: npt.NDArray[np.int64]) -> Samples:
+        """
+        Return the same values with other stamps; cheap, for it happens with every run.
+
+        Raises
+        ------
+        DataError
+            If there are more or fewer stamps than samples.
+        """
+        if stamps.shape != self.stamps.shape:
+            raise DataError(f'{len(self)} samples cannot have stamps of shape {stamps.shape}')
+        run = object.__new__(Samples)
+        run.__dict__.update(self.__dict__, stamps=_frozen(stamps))
+        return run
 
     @classmethod
     def concatenate(cls, runs: Iterable[Samples]) -> Samples:

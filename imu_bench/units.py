@@ -43,8 +43,12 @@ def _dimensions() -> dict[str, dict[str, float]]:
         'angle': {'rad': 1.0, '°': DEGREE, 'arcsec': DEGREE / 3600.0},
         'length': {'m': 1.0, 'mm': 1e-3, 'µm': 1e-6},
         'time': {'s': 1.0, 'ms': 1e-3, 'µs': 1e-6, 'ns': 1e-9, 'min': 60.0, 'h': HOUR},
-        'frequency': {'Hz': 1.0, 'kHz': 1e3},
+        'frequency': {'Hz': 1.0, 'kHz': 1e3, 'rpm': 1.0 / 60.0},
+        'sweep rate': {'oct/s': 1.0, 'oct/min': 1.0 / 60.0},
         'temperature': {'°C': 1.0},
+        'temperature difference': {'K': 1.0, 'mK': 1e-3},
+        'temperature density': {'K/√Hz': 1.0, 'mK/√Hz': 1e-3},
+        'temperature rate': {'K/s': 1.0, 'K/min': 1.0 / 60.0, 'K/h': 1.0 / HOUR},
         'magnetic field': {'T': 1.0, 'µT': 1e-6, 'G': GAUSS, 'mG': 1e-3 * GAUSS},
         # N: white noise, angle and velocity random walk
         'acceleration density': {f'{unit}/√Hz': f for unit, f in _ACCELERATION.items()}
@@ -57,6 +61,7 @@ def _dimensions() -> dict[str, dict[str, float]]:
             'm/s³/√Hz': 1.0,
             'm/s²/√s': 1.0,
             'm/s²/√h': 1.0 / root_hour,
+            'µg/√s': 1e-6 * STANDARD_GRAVITY,
             'µg/√h': 1e-6 * STANDARD_GRAVITY / root_hour,
         },
         'angular velocity walk': {
@@ -72,7 +77,29 @@ def _dimensions() -> dict[str, dict[str, float]]:
         'acceleration power density': {'(m/s²)²/Hz': 1.0, 'g²/Hz': STANDARD_GRAVITY**2},
         'angular velocity power density': {'(rad/s)²/Hz': 1.0, '(°/s)²/Hz': DEGREE**2},
         'acceleration temperature coefficient': {'m/s²/K': 1.0, 'mg/K': 1e-3 * STANDARD_GRAVITY},
-        'angular velocity temperature coefficient': {'rad/s/K': 1.0, 'm°/s/K': 1e-3 * DEGREE},
+        'angular velocity temperature coefficient': {
+            'rad/s/K': 1.0,
+            '°/s/K': DEGREE,
+            'm°/s/K': 1e-3 * DEGREE,
+        },
+        'magnetic field temperature coefficient': {'T/K': 1.0, 'µT/K': 1e-6},
+        'relative temperature coefficient': {'1/K': 1.0, '%/K': 1e-2, 'ppm/K': 1e-6},
+        'sensitivity of angular velocity to acceleration': {
+            'rad/s/(m/s²)': 1.0,
+            '°/s/g': DEGREE / STANDARD_GRAVITY,
+            'm°/s/g': 1e-3 * DEGREE / STANDARD_GRAVITY,
+            '°/h/g': DEGREE / HOUR / STANDARD_GRAVITY,
+        },
+        'vibration rectification of acceleration': {
+            'm/s²/(m/s²)²': 1.0,
+            'mg/g²': 1e-3 / STANDARD_GRAVITY,
+            'µg/g²': 1e-6 / STANDARD_GRAVITY,
+        },
+        'vibration rectification of angular velocity': {
+            'rad/s/(m/s²)²': 1.0,
+            'm°/s/g²': 1e-3 * DEGREE / STANDARD_GRAVITY**2,
+            '°/h/g²': DEGREE / HOUR / STANDARD_GRAVITY**2,
+        },
         'acceleration squared': {'(m/s²)²': 1.0, 'g²': STANDARD_GRAVITY**2},
         'angular velocity squared': {'(rad/s)²': 1.0, '(°/s)²': DEGREE**2},
     }
@@ -135,6 +162,19 @@ def canonical(unit: str) -> str:
 def dimension(unit: str) -> str:
     """Return what a unit measures, for example 'angular velocity'."""
     return _TABLE[canonical(unit)][0]
+
+
+def units_like(unit: str) -> list[str]:
+    """
+    Return every unit that measures the same quantity.
+
+    Examples
+    --------
+    >>> units_like('rad')
+    ['rad', '°', 'arcsec']
+    """
+    wanted = dimension(unit)
+    return [known for known, (measures, _) in _TABLE.items() if measures == wanted]
 
 
 def convert(value: float, unit: str, to: str) -> float:

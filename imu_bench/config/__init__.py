@@ -22,8 +22,8 @@ from imu_bench.config.sensor import (
     sensor_from_parameters,
     SENSOR_SETTINGS,
     SensorConfig,
-    SIMULATION_SETTINGS,
 )
+from imu_bench.config.simulated import SIMULATION_SETTINGS
 
 __all__ = [
     'ANALYSIS_SETTINGS',

@@ -17,7 +17,7 @@ import math
 from typing import Any, Protocol
 
 from imu_bench.errors import ConfigError, UnitError
-from imu_bench.units import convert
+from imu_bench.units import canonical, convert, units_like
 
 REQUIRED = object()
 """Default of a setting that must be given."""
@@ -172,6 +172,11 @@ def parse_quantity(text: object, unit: str) -> float:
     if not isinstance(text, str):
         raise ConfigError(f'{text!r} has no unit; {example}')
     number, _, unit_given = text.strip().partition(' ')
+    try:
+        canonical(unit_given or '1')
+    except UnitError:
+        known = ', '.join(units_like(unit))
+        raise ConfigError(f'{text!r}: unknown unit {unit_given!r}; use one of {known}') from None
     try:
         value = convert(float(number), unit_given or '1', unit)
     except UnitError as error:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
@@ -18,6 +18,7 @@ from imu_bench.config.schema import (
     REQUIRED,
     Setting,
 )
+from imu_bench.config.simulated import SIMULATION_SETTINGS
 from imu_bench.errors import ConfigError
 
 BACKENDS = ('hardware', 'emulated', 'recorded')
@@ -44,51 +45,6 @@ SENSOR_SETTINGS = (
 ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 """Parameters that ROS itself reads from the same file; a name or the part before its dot."""
 
-
-def _quantity(
-    name: str,
-    default: tuple[float, ...] | None,
-    description: str,
-    unit: str,
-    bounds: tuple[float, float] | None = None,
-) -> Setting:
-    return Setting(f'simulation.{name}', default, description, (), bounds, unit, 'quantity')
-
-
-def _errors_of(quantity: str, unit: str, walk: str, quantisation: str) -> Iterator[Setting]:
-    """Yield the settings of the error model of one quantity, all optional."""
-    some = _POSITIVE
-    density = f'{unit}/√Hz'
-    yield _quantity(f'{quantity}.noise_density', None, 'White, one-sided.', density, some)
-    yield _quantity(f'{quantity}.bias_instability', None, 'Allan floor / 0.664.', unit, some)
-    yield _quantity(f'{quantity}.bias', None, 'Constant offset.', unit)
-    yield _quantity(f'{quantity}.scale_factor', None, 'Relative error of the scale.', '1')
-    yield _quantity(f'{quantity}.misalignment', None, 'Rotation of the axes.', 'rad')
-    yield _quantity(f'{quantity}.high_pass', None, 'No constant below this.', 'Hz', some)
-    yield _quantity(f'{quantity}.range', None, 'Saturation.', unit, some)
-    yield _quantity(f'{quantity}.resolution', None, 'Smallest step.', unit, some)
-    if walk:
-        yield _quantity(f'{quantity}.random_walk', None, 'Rate random walk K.', walk, some)
-    if quantisation:
-        yield _quantity(f'{quantity}.quantisation', None, 'Q.', quantisation, some)
-    yield Setting(f'simulation.{quantity}.axes', 'xyz', 'Axes there are; the others are NaN.')
-
-
-SIMULATION_SETTINGS = (
-    Setting('simulation.seed', 0, 'Seed; each sensor draws a stream.', bounds=(0, 2**31 - 1)),
-    _quantity('rate_error', (0.0,), "Error of the chip's oscillator.", '1', (-0.2, 0.2)),
-    _quantity('roll', (0.0,), 'Tilt of the bench about x.', 'rad'),
-    _quantity('pitch', (0.0,), 'Tilt of the bench about y.', 'rad'),
-    _quantity('temperature', (25.0,), 'Temperature of the chip.', '°C'),
-    Setting('simulation.scenario', 'still', 'How the bench moves.', allowed=('still', 'sine')),
-    Setting('simulation.sine.axis', 'z', 'Axis of the sine.', allowed=('x', 'y', 'z')),
-    _quantity('sine.amplitude', (1.0,), 'Peak of the sine.', 'm/s²', _POSITIVE),
-    _quantity('sine.frequency', (10.0,), 'Frequency of the sine.', 'Hz', _POSITIVE),
-    *_errors_of('acceleration', 'm/s²', 'm/s²/√s', 'm/s'),
-    *_errors_of('angular_velocity', 'rad/s', 'rad/s/√s', 'rad'),
-    *_errors_of('magnetic_field', 'T', '', ''),
-)
-"""What an emulated sensor's file may set; errors not given are the driver's typical values."""
 
 SettingsOf = Callable[[str], Iterable[Checkable]]
 
@@ -252,6 +208,6 @@ def _unchecked(given: Mapping[str, Any], common: set[str]) -> tuple[Checkable, .
 
 
 def _wanted(key: str, given: Mapping[str, Any]) -> bool:
-    """Leave out the axes of a quantity about which nothing is said."""
-    quantity, _, name = key.rpartition('.')
-    return name != 'axes' or any(other.startswith(f'{quantity}.') for other in given)
+    """Leave out what has a default, of a quantity about which nothing is said."""
+    quantity = '.'.join(key.split('.')[:2])
+    return key.count('.') == 1 or any(other.startswith(f'{quantity}.') for other in given)

@@ -3,16 +3,27 @@
 
 from __future__ import annotations
 
+import math
+
 from imu_bench.errors import ConfigError
 from imu_bench.samples import Samples
 from imu_bench.simulation.clock import START_NS
-from imu_bench.simulation.scenario import Motion
+from imu_bench.simulation.motion import highest_hz, Motion
+from imu_bench.simulation.sensor_errors import Array
 from imu_bench.simulation.sensor_model import ErrorModel
 import numpy as np
 import numpy.typing as npt
 
 BLOCK_S = 0.25
-"""Samples are made this far ahead at most: the cost of a call does not fall on every sample."""
+"""Samples are made this far ahead: the cost of a call does not fall on every sample."""
+
+LARGEST_BLOCK = 1 << 13
+"""Samples that are made at once when many are due: they stay in the processor's cache."""
+
+POINTS = 5.0
+PASSED_POINTS = 10.0
+"""Points per period of the highest frequency at which a sensor's low-pass is computed, and of
+the highest one that it lets pass: up to twice its corner."""
 
 
 class SensorSource:
@@ -22,6 +33,9 @@ class SensorSource:
     An emulator asks for everything that came about since it asked last, and
     quantises it into registers, FIFO or frames.  The chip's oscillator is not
     the host's: the true rate differs from the nominal one.
+
+    A sensor with a low-pass of its own sees the motion at a multiple of its rate, so that
+    frequencies above half its rate pass the filter first and fold back afterwards.
 
     Parameters
     ----------
@@ -39,8 +53,8 @@ class SensorSource:
 
     Examples
     --------
-    >>> from imu_bench.simulation.scenario import Still
-    >>> from imu_bench.simulation.sensor_model import Errors
+    >>> from imu_bench.simulation.motion import Still
+    >>> from imu_bench.simulation.sensor_errors import Errors
     >>> model = ErrorModel({'acceleration': Errors()})
     >>> source = SensorSource(Still(), model, 100.0, start_ns=0)
     >>> source.samples_until(25_000_000).stamps
@@ -58,10 +72,11 @@ class SensorSource:
         rate_error: float = 0.0,
         start_ns: int = START_NS,
     ) -> None:
-        self._motion = motion
-        self._model = model
+        self.motion = motion
+        self.model = model
         self._rate_error = rate_error
         self._origin_ns = int(start_ns)
+        self._highest_hz = highest_hz(motion)
         self.nominal_hz = nominal_hz
         self.restart(start_ns, nominal_hz)
 
@@ -73,7 +88,12 @@ class SensorSource:
     @property
     def quantities(self) -> tuple[str, ...]:
         """The quantities of the samples."""
-        return self._model.quantities
+        return self.model.quantities
+
+    def at_start(self) -> dict[str, Array]:
+        """Return per quantity what each axis shows when it all begins, but for the noise."""
+        first = self._truth(np.zeros(1))
+        return {quantity: row[0] for quantity, row in self.model.ideal(first).items()}
 
     def restart(self, t_ns: int, nominal_hz: float | None = None) -> None:
         """
@@ -91,6 +111,9 @@ class SensorSource:
             self.nominal_hz = nominal_hz
         if not self.rate_hz > 0:
             raise ConfigError(f'a sensor cannot sample at {self.rate_hz:g} Hz')
+        passed = min(self._highest_hz, 2.0 * self.model.corner_hz)
+        inside_hz = max(POINTS * self._highest_hz, PASSED_POINTS * passed)
+        self._oversampling = math.ceil(inside_hz / self.rate_hz) if passed else 1
         self._anchor_ns = int(t_ns)
         self._made = 0
         self._ahead = self._make(0)
@@ -102,10 +125,21 @@ class SensorSource:
             due = int(np.searchsorted(self._ahead.stamps, t_ns, side='right'))
             parts.append(self._ahead[:due])
             self._ahead = self._ahead[due:]
-            if len(self._ahead) or self._stamps(self._made + 1, 1)[0] > t_ns:
+            waiting = self._waiting(t_ns)
+            if len(self._ahead) or not waiting:
                 break
-            self._ahead = self._make(max(1, round(BLOCK_S * self.rate_hz)))
+            ahead = max(1, round(BLOCK_S * self.rate_hz))
+            largest = max(ahead, LARGEST_BLOCK // self._oversampling)
+            self._ahead = self._make(min(max(ahead, waiting), largest))
         return parts[0] if len(parts) == 1 else Samples.concatenate(parts)
+
+    def _waiting(self, t_ns: int) -> int:
+        """Return how many samples are due at a time and not made yet."""
+        guess = math.ceil((t_ns - self._anchor_ns) * 1e-9 * self.rate_hz) + 1 - self._made
+        # what rounds to the same nanosecond is due
+        while guess > 0 and self._stamps(self._made + guess, 1)[0] > t_ns:
+            guess -= 1
+        return max(guess, 0)
 
     def _stamps(self, first: int, n: int) -> npt.NDArray[np.int64]:
         """Return the times of samples number `first` and on since the restart, ns."""
@@ -113,16 +147,29 @@ class SensorSource:
         return np.asarray(self._anchor_ns + np.rint(elapsed).astype(np.int64))
 
     def _make(self, n: int) -> Samples:
-        stamps = self._stamps(self._made + 1, n)
+        first, fold = self._made + 1, self._oversampling
         self._made += n
-        t = np.asarray((stamps - self._origin_ns) * 1e-9, dtype=np.float64)
-        truths = {
-            'acceleration': self._motion.specific_force,
-            'angular_velocity': self._motion.angular_velocity,
-            'magnetic_field': self._motion.magnetic_field,
-            'temperature': self._motion.temperature,
-        }
-        values = self._model.sample(
-            {quantity: truths[quantity](t) for quantity in self.quantities}, 1.0 / self.rate_hz
+        # every fold-th of these is a sample, the last one of all included
+        points = np.arange((first - 1) * fold + 1, (first - 1 + n) * fold + 1)
+        t = (self._anchor_ns - self._origin_ns) * 1e-9 + points / (fold * self.rate_hz)
+        values = self.model.sample(
+            self._truth(t),
+            n,
+            1.0 / self.rate_hz,
+            oversampling=fold,
+            moves=self._highest_hz > 0.0,
         )
-        return Samples(stamps=stamps, **values)
+        return Samples(stamps=self._stamps(first, n), **values)
+
+    def _truth(self, t: Array) -> dict[str, Array]:
+        """Return what moves the sensor: force and temperature disturb every quantity."""
+        motion = self.motion
+        truth = {
+            'acceleration': motion.specific_force(t),
+            'temperature': motion.temperature(t),
+        }
+        if 'angular_velocity' in self.quantities:
+            truth['angular_velocity'] = motion.angular_velocity(t)
+        if 'magnetic_field' in self.quantities:
+            truth['magnetic_field'] = motion.magnetic_field(t)
+        return truth

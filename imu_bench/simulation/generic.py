@@ -60,6 +60,11 @@ class GenericSensor:
         return {}
 
     @property
+    def paced(self) -> bool:
+        """The source has its own oscillator."""
+        return False
+
+    @property
     def poll_period_s(self) -> float:
         """Some samples at a time, and a slow sensor not needlessly often."""
         return max(POLL_S, 0.5 / self.rate_hz)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The noise processes of an inertial sensor, one class each.
+The noise processes of one axis of an inertial sensor, one class each.
 
 Every process is stable in rate: its coefficient describes the continuous
 process, and the sample period only says where that process is read.  Every
@@ -18,30 +18,22 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
+from imu_bench.simulation.flicker_filter import Array, flicker_filter
 import numpy as np
-import numpy.typing as npt
-from scipy.signal import lfilter
-
-Array = npt.NDArray[np.float64]
-
-LONGEST_CORRELATION_S = 1e6
-"""Correlation time of the slowest flicker component: 11 days, beyond any recording here."""
-
-RATIO = 10.0
-"""Spacing of the correlation times: one component per decade keeps the floor within 1 %."""
+from scipy.signal import sosfilt
 
 
 class Noise(Protocol):
-    """One process: made of its coefficient per axis and its own generator."""
+    """One process: made of its coefficient and its own generator."""
 
-    def __init__(self, coefficient: Array, rng: np.random.Generator) -> None: ...
+    def __init__(self, coefficient: float, rng: np.random.Generator) -> None: ...
 
     def sample(self, n: int, period_s: float) -> Array:
-        """Return the next n samples at this period, shape (n, axes)."""
+        """Return the next n samples at this period, shape (n,)."""
         ...
 
 
-def white_sigma(density: Array, period_s: float) -> Array:
+def white_sigma(density: float, period_s: float) -> float:
     """
     Return the standard deviation per sample of white noise of a one-sided density.
 
@@ -50,103 +42,100 @@ def white_sigma(density: Array, period_s: float) -> Array:
 
     Parameters
     ----------
-    density : ndarray, shape (axes,)
+    density : float
         One-sided noise density as datasheets print it, unit/√Hz.
     period_s : float
         Sample period T in seconds.
 
     Returns
     -------
-    ndarray, shape (axes,)
+    float
         In the unit of the signal.
 
     Examples
     --------
-    >>> white_sigma(np.array([300e-6]), 1e-3).round(6)
-    array([0.006708])
+    >>> round(white_sigma(300e-6, 1e-3), 6)
+    0.006708
     """
-    return np.asarray(density / math.sqrt(2.0 * period_s))
+    return density / math.sqrt(2.0 * period_s)
 
 
 class White:
     """White noise of a one-sided density in unit/√Hz."""
 
-    def __init__(self, coefficient: Array, rng: np.random.Generator) -> None:
+    def __init__(self, coefficient: float, rng: np.random.Generator) -> None:
         self._density = coefficient
         self._rng = rng
 
     def sample(self, n: int, period_s: float) -> Array:
-        """Return the next n samples, shape (n, axes)."""
-        return self._rng.standard_normal((n, self._density.size)) * white_sigma(
-            self._density, period_s
-        )
+        """Return the next n samples, shape (n,)."""
+        values = self._rng.standard_normal(n)
+        values *= white_sigma(self._density, period_s)
+        return values
 
 
 class Flicker:
     """
-    Flicker noise (bias instability) as a sum of first-order Gauss-Markov processes.
+    Flicker noise (bias instability) of coefficient B in the unit of the signal.
 
     The two-sided density of flicker noise is B²/(2πf) (IEEE Std 952-1997,
     eq. C.5).  Independent first-order Gauss-Markov processes of equal variance
     σ² whose correlation times are spaced by the ratio r have together the
     density σ²/(2 f ln r) between their corner frequencies: the sum of
     2σ²T/(1 + (2πfT)²) becomes an integral over dT/(T ln r).  Hence σ² = B² ln r/π.
-    The correlation times start at `LONGEST_CORRELATION_S` and go down to
-    about the sample period, which fixes the cost per sample however long the recording.
-    Each process is discretised exactly and starts in its stationary state.
+    `flicker_filter` makes the sum of one white noise.  It starts in its stationary state.
     """
 
-    def __init__(self, coefficient: Array, rng: np.random.Generator) -> None:
-        self._sigma = coefficient * math.sqrt(math.log(RATIO) / math.pi)
+    def __init__(self, coefficient: float, rng: np.random.Generator) -> None:
+        self._coefficient = coefficient
         self._rng = rng
         self._period_s = 0.0
-        self._times = np.empty(0)
-        self._state = np.empty((0, coefficient.size))
-
-    def _adopt(self, period_s: float) -> None:
-        """Choose the correlation times for a rate; those that go on keep their state."""
-        self._period_s = period_s
-        count = max(1, 1 + round(math.log(LONGEST_CORRELATION_S / period_s, RATIO)))
-        kept = self._state[:count]
-        fresh = self._rng.standard_normal((count - len(kept), self._sigma.size)) * self._sigma
-        self._state = np.concatenate([kept, fresh])
-        self._times = LONGEST_CORRELATION_S * RATIO ** -np.arange(count, dtype=float)
+        self._state = np.empty((0, 2))
 
     def sample(self, n: int, period_s: float) -> Array:
-        """Return the next n samples, shape (n, axes)."""
+        """Return the next n samples, shape (n,)."""
         if period_s != self._period_s:
             self._adopt(period_s)
-        total = np.zeros((n, self._sigma.size))
         if n == 0:
-            return total
-        drive = self._rng.standard_normal((n, *self._state.shape))
-        for i, correlation_s in enumerate(self._times):
-            decay = math.exp(-period_s / correlation_s)
-            step = math.sqrt(-math.expm1(-2.0 * period_s / correlation_s))
-            path, _ = lfilter(
-                [step], [1.0, -decay], drive[:, i] * self._sigma, axis=0,
-                zi=decay * self._state[i : i + 1],
-            )  # fmt: skip
-            self._state[i] = path[-1]
-            total += path
-        return total
+            return np.empty(0)
+        drive = self._rng.standard_normal(n)
+        drive *= self._coefficient
+        sections = flicker_filter(period_s).sections
+        values, self._state = sosfilt(sections, drive, zi=self._state)
+        return np.asarray(values)
+
+    def _adopt(self, period_s: float) -> None:
+        """Begin at a rate; components slow enough to be there before and after go on."""
+        new = flicker_filter(period_s)
+        components = new.correlation @ self._rng.standard_normal(new.shares.size)
+        if self._period_s:
+            old = flicker_filter(self._period_s)
+            state = self._state.ravel() / self._coefficient
+            before = np.linalg.lstsq(old.modes, state, rcond=None)[0]
+            kept = min(before.size, components.size)
+            components[:kept] = (before * old.shares)[:kept] / new.shares[:kept]
+        self._period_s = period_s
+        self._state = (new.modes @ components * self._coefficient).reshape(-1, 2)
 
 
 class RandomWalk:
     """Rate random walk of coefficient K in unit/√s; starts at zero."""
 
-    def __init__(self, coefficient: Array, rng: np.random.Generator) -> None:
+    def __init__(self, coefficient: float, rng: np.random.Generator) -> None:
         self._coefficient = coefficient
         self._rng = rng
-        self._state = np.zeros((1, coefficient.size))
+        self._state = 0.0
 
     def sample(self, n: int, period_s: float) -> Array:
-        """Return the next n samples, shape (n, axes)."""
-        steps = self._rng.standard_normal((n, self._coefficient.size))
+        """Return the next n samples, shape (n,)."""
+        if n == 0:
+            return np.empty(0)
+        steps = self._rng.standard_normal(n)
         steps *= self._coefficient * math.sqrt(period_s)
-        path = np.cumsum(np.concatenate([self._state, steps]), axis=0)
-        self._state = path[-1:]
-        return path[1:]
+        steps[0] += self._state
+        path = np.cumsum(steps, out=steps)
+        self._state = float(path[-1])
+        return path
 
 
 class Quantisation:
@@ -157,15 +146,17 @@ class Quantisation:
     the signal carries its difference over the sample period.
     """
 
-    def __init__(self, coefficient: Array, rng: np.random.Generator) -> None:
+    def __init__(self, coefficient: float, rng: np.random.Generator) -> None:
         self._coefficient = coefficient
         self._rng = rng
-        self._state = rng.standard_normal((1, coefficient.size))
+        self._state = float(rng.standard_normal())
 
     def sample(self, n: int, period_s: float) -> Array:
-        """Return the next n samples, shape (n, axes)."""
-        angles = np.concatenate(
-            [self._state, self._rng.standard_normal((n, self._coefficient.size))]
-        )
-        self._state = angles[-1:]
-        return np.diff(angles, axis=0) * (self._coefficient / period_s)
+        """Return the next n samples, shape (n,)."""
+        if n == 0:
+            return np.empty(0)
+        angles = self._rng.standard_normal(n)
+        steps = np.diff(angles, prepend=self._state)
+        self._state = float(angles[-1])
+        steps *= self._coefficient / period_s
+        return steps

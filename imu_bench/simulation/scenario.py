@@ -1,170 +1,294 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-How the bench truly moves, as functions of continuous time.
-
-Every function takes times in seconds since the scenario began, shape (n,).
-Nothing is sampled here: what lies above a sensor's Nyquist frequency reaches
-the sensor, and aliases as it would.
-"""
+"""A scenario: a file that says how the bench moves, warms up, and in which zones."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-import math
-from typing import Protocol
+from typing import Any
 
+from imu_bench.config.files import read_yaml
+from imu_bench.config.location import named_file
+from imu_bench.config.schema import (
+    check_all,
+    flatten,
+    parse_quantity,
+    raise_if_any,
+    Setting,
+    suggestion,
+)
 from imu_bench.errors import ConfigError
 from imu_bench.samples import AXES
-from imu_bench.simulation.noise import Array
-from imu_bench.units import STANDARD_GRAVITY
-import numpy as np
+from imu_bench.simulation.motion import During, Motion, Seed, Still, Sum
+from imu_bench.simulation.motion_kinds import Given, Kind, KINDS
+import yaml
 
-
-class Motion(Protocol):
-    """True motion and surroundings of the sensor."""
-
-    def specific_force(self, t: Array) -> Array:
-        """Return m/s², shape (n, 3): +g on z at rest."""
-        ...
-
-    def angular_velocity(self, t: Array) -> Array:
-        """Return rad/s, shape (n, 3)."""
-        ...
-
-    def magnetic_field(self, t: Array) -> Array:
-        """Return T, shape (n, 3)."""
-        ...
-
-    def temperature(self, t: Array) -> Array:
-        """Return °C, shape (n,)."""
-        ...
+_TOP = (
+    Setting('title', '', 'What happens, in one line.'),
+    Setting('source', '', 'Document it follows.'),
+    Setting('axis', '', 'Axis of the motions that do not name their own.', ('', *AXES)),
+    Setting('repeat', 1, 'How often the zones follow one another.', bounds=(1, 1000)),
+    Setting('temperature', (25.0,), 'At the beginning.', unit='°C', kind='quantity'),
+    Setting('roll', (0.0,), 'Tilt of the bench about x.', unit='rad', kind='quantity'),
+    Setting('pitch', (0.0,), 'Tilt of the bench about y.', unit='rad', kind='quantity'),
+    Setting('duration', None, 'How long it is meant to last.', (), (1e-3, 1e9), 's', 'quantity'),
+)
+_ZONE = Setting('zone', '', 'Zone in which it happens; always, if none is named.')
+_FADE = Setting('fade', (0.1,), 'Fade at the ends of a zone.', (), (0.0, 1e6), 's', 'quantity')
 
 
 @dataclass(frozen=True)
-class Still:
+class Zone:
+    """A span of time with a name, s since the scenario began."""
+
+    name: str
+    begin_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
     """
-    The bench stands on a table that is almost level.
+    How the bench moves.
 
     Attributes
     ----------
-    roll, pitch : float
-        Tilt about x, then about y, rad.
-    temperature_c : float
-        °C.
-    field : tuple of float
-        Magnetic field in T; the default is about that of Finland, with x to the north
-        (IGRF-13 near Tampere: 15 µT horizontal, 50 µT down).
-
-    Examples
-    --------
-    >>> Still(pitch=math.pi / 6).specific_force(np.zeros(1)).round(4)
-    array([[-4.9033,  0.    ,  8.4928]])
+    name, title, source : str
+    motion : Motion
+    duration_s : float or None
+        How long it is meant to last; None if nothing in it ends.
+    zones : tuple of Zone
+    truth : mapping
+        Every setting that went in, in SI with its unit, ready for JSON.
     """
 
-    roll: float = 0.0
-    pitch: float = 0.0
-    temperature_c: float = 25.0
-    field: tuple[float, float, float] = (15e-6, 0.0, -50e-6)
-
-    def specific_force(self, t: Array) -> Array:
-        """Return gravity's reaction in the tilted frame, m/s², shape (n, 3)."""
-        gravity = STANDARD_GRAVITY * np.array(
-            [
-                math.sin(-self.pitch) + 0.0,  # + 0.0 keeps a level bench from showing -0.0
-                math.sin(self.roll) * math.cos(self.pitch),
-                math.cos(self.roll) * math.cos(self.pitch),
-            ]
-        )
-        return np.tile(gravity, (t.size, 1))
-
-    def angular_velocity(self, t: Array) -> Array:
-        """Return zeros: the Earth's 7.3e-5 rad/s belongs to a scenario that is about it."""
-        return np.zeros((t.size, 3))
-
-    def magnetic_field(self, t: Array) -> Array:
-        """Return the constant field, T, shape (n, 3)."""
-        return np.tile(np.array(self.field), (t.size, 1))
-
-    def temperature(self, t: Array) -> Array:
-        """Return the constant temperature, °C, shape (n,)."""
-        return np.full(t.size, self.temperature_c)
+    name: str
+    motion: Motion
+    title: str = ''
+    source: str = ''
+    duration_s: float | None = None
+    zones: tuple[Zone, ...] = ()
+    truth: Mapping[str, Any] | None = None
 
 
-@dataclass(frozen=True)
-class Sine:
+def load_scenario(name: str, *, seed: int = 0, overrides: Sequence[str] = ()) -> Scenario:
     """
-    A sinusoidal acceleration along one axis, to be added to a motion with gravity.
+    Return a scenario of the package, or of a user's file.
 
-    Attributes
+    Parameters
     ----------
-    amplitude : float
-        Peak, m/s².
-    frequency_hz : float
-        Hz; it may lie above the Nyquist frequency of a sensor.
-    axis : str
-        'x', 'y' or 'z'.
+    name : str
+        Short name of a file in config/scenarios, or the path of a .yaml file.
+    seed : int
+        Of everything random in it.
+    overrides : sequence of str
+        Settings that replace those of the file: 'axis=y', 'sine.frequency=90 Hz'.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scenario, with those there are; or with every problem of the file.
 
     Examples
     --------
-    >>> Sine(amplitude=2.0, frequency_hz=10.0, axis='x').specific_force(np.array([0.025]))
-    array([[2., 0., 0.]])
+    >>> load_scenario('sine_on_random_sc1').zones[1]
+    Zone(name='test', begin_s=180.0, end_s=780.0)
     """
+    path = named_file('scenarios', name)
+    document = read_yaml(path)
+    for override in overrides:
+        _replace(document, override)
+    return scenario_from(document, path.stem, seed=seed, where=f'{path}: scenario')
 
-    amplitude: float
-    frequency_hz: float
-    axis: str = 'z'
 
-    def __post_init__(self) -> None:
-        if self.axis not in AXES:
-            raise ConfigError(f'axis {self.axis!r} is not allowed; allowed: {", ".join(AXES)}')
+def scenario_from(
+    document: Mapping[str, Any], name: str, *, seed: int = 0, where: str = 'scenario'
+) -> Scenario:
+    """
+    Return the scenario that a document of a file describes.
 
-    def specific_force(self, t: Array) -> Array:
-        """Return m/s², shape (n, 3)."""
-        force = np.zeros((t.size, 3))
-        force[:, AXES.index(self.axis)] = self.amplitude * np.sin(
-            2.0 * np.pi * self.frequency_hz * t
+    Raises
+    ------
+    ConfigError
+        With every problem, one line each.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> shaken = scenario_from(
+    ...     {'motions': [{'sine': {'amplitude': '1 g', 'frequency': '10 Hz'}}]}, 'mine')
+    >>> float(shaken.motion.specific_force(np.array([0.025]))[0, 2].round(4))
+    19.6133
+    """
+    problems: list[str] = []
+    rest = dict(document)
+    entries = rest.pop('motions', None) or []
+    zones = _zones(rest.pop('zones', None) or {}, where, problems)
+    top = check_all(dict(flatten(rest)), _TOP, where, problems)
+    raise_if_any(problems)
+    roll, pitch, temperature = (_one(top, n, where) for n in ('roll', 'pitch', 'temperature'))
+    still = Still(roll, pitch, temperature)
+    spans = _repeated(zones, top['repeat'])
+    if not isinstance(entries, list):
+        raise ConfigError(f"{where}: motions: {entries!r} is no list of entries like '- sine: …'")
+    parts: list[Motion] = [still]
+    truths = []
+    for index, entry in enumerate(entries):
+        place = f'{where}: motions[{index}]'
+        made = _motion(entry, place, top['axis'], still, (seed, index), spans, problems)
+        if made is not None:
+            parts.append(made[0])
+            truths.append(made[1])
+    raise_if_any(problems)
+    motion = Sum(tuple(parts))
+    meant = _one(top, 'duration', where) if top['duration'] else None
+    return Scenario(
+        name=name,
+        motion=motion,
+        title=top['title'],
+        source=top['source'],
+        duration_s=meant or (spans[-1].end_s if spans else motion.duration_s),
+        zones=spans,
+        truth=_truth(name, top, seed, spans, truths),
+    )
+
+
+def _one(values: Mapping[str, Any], name: str, where: str) -> float:
+    if len(values[name]) != 1:
+        raise ConfigError(f'{where}: {name}: {len(values[name])} values are given; give one')
+    return float(values[name][0])
+
+
+def _zones(given: Any, where: str, problems: list[str]) -> list[tuple[str, float]]:
+    """Return names and durations of the zones."""
+    if not isinstance(given, Mapping):
+        problems.append(f'{where}: zones: {given!r} is no mapping of names to durations')
+        return []
+    zones = []
+    for name, text in given.items():
+        try:
+            length = parse_quantity(text, 's')
+        except ConfigError as error:
+            problems.append(f'{where}: zones.{name}: {error}')
+            continue
+        if length <= 0.0:
+            problems.append(f'{where}: zones.{name}: {text!r} is no time; give more than 0 s')
+        zones.append((str(name), length))
+    return zones
+
+
+def _repeated(zones: list[tuple[str, float]], times: int) -> tuple[Zone, ...]:
+    spans, begin = [], 0.0
+    for name, length in zones * times:
+        spans.append(Zone(name, begin, begin + length))
+        begin += length
+    return tuple(spans)
+
+
+def _motion(
+    entry: Any,
+    where: str,
+    axis: str,
+    still: Still,
+    seed: Seed,
+    spans: tuple[Zone, ...],
+    problems: list[str],
+) -> tuple[Motion, dict[str, Any]] | None:
+    """Return a motion and what went into it; None with a problem."""
+    if not isinstance(entry, Mapping) or len(entry) != 1:
+        problems.append(f"{where}: {entry!r} is no entry like '- sine: {{…}}'")
+        return None
+    ((name, given),) = entry.items()
+    if name not in KINDS:
+        problems.append(f'{where}: no motion {name!r}; {suggestion(str(name), KINDS)}')
+        return None
+    kind = KINDS[name]
+    own = kind.settings + ((_ZONE, _FADE) if kind.zoned else ())
+    before = len(problems)
+    values = check_all(dict(flatten(given or {})), own, f'{where}.{name}', problems)
+    if len(problems) > before:
+        return None
+    if 'axis' in values and not values['axis']:
+        values['axis'] = axis or ('x' if name == 'tilt_steps' else 'z')
+    try:
+        motion = kind.make(Given(values, still, seed))
+    except ConfigError as error:
+        problems.append(f'{where}.{name}: {error}')
+        return None
+    if values.get('zone'):
+        chosen = [span for span in spans if span.name == values['zone']]
+        if not chosen:
+            known = ', '.join(dict.fromkeys(span.name for span in spans)) or 'none'
+            problems.append(f'{where}.{name}.zone: no zone {values["zone"]!r}; known are {known}')
+            return None
+        motion = _confined(motion, kind, chosen, values['fade'][0])
+    return motion, {'kind': name, **_stated(values, own), 'events': list(motion.events)}
+
+
+def _confined(motion: Motion, kind: Kind, spans: Iterable[Zone], fade_s: float) -> Motion:
+    edges = tuple((span.begin_s, span.end_s) for span in spans)
+    return During(motion, edges, fade_s, kind.anew)
+
+
+def _replace(document: dict[Any, Any], override: str) -> None:
+    """
+    Put 'name=value' or 'motion.name=value' into the document of a scenario.
+
+    The value is read as YAML: a number, a list, true or false, or a text.
+    """
+    name, equals, text = override.partition('=')
+    motion, dot, setting = name.strip().rpartition('.')
+    if not equals or not setting:
+        raise ConfigError(f"{override!r} is no setting like 'sine.frequency=90 Hz'")
+    value = _value(text.strip())
+    if not dot:
+        document[setting] = value
+        return
+    if motion == 'zones':
+        document.setdefault('zones', {})[setting] = value
+        return
+    entries = [e for e in document.get('motions') or [] if isinstance(e, dict) and motion in e]
+    if not entries:
+        known = [key for e in document.get('motions') or [] if isinstance(e, dict) for key in e]
+        raise ConfigError(
+            f'{override!r}: no {motion!r} in the scenario; {suggestion(motion, known)}'
         )
-        return force
-
-    def angular_velocity(self, t: Array) -> Array:
-        """Return zeros: the motion is straight."""
-        return np.zeros((t.size, 3))
-
-    def magnetic_field(self, t: Array) -> Array:
-        """Return zeros: it adds nothing to the field."""
-        return np.zeros((t.size, 3))
-
-    def temperature(self, t: Array) -> Array:
-        """Return zeros: it adds nothing to the temperature."""
-        return np.zeros(t.size)
+    for entry in entries:
+        entry[motion] = {**(entry[motion] or {}), setting: value}
 
 
-@dataclass(frozen=True)
-class Sum:
-    """
-    Several motions at once, such as a machine's vibration on a still table.
+def _value(text: str) -> Any:
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f'{text!r} is no value: {" ".join(str(error).split())}') from error
 
-    Examples
-    --------
-    >>> moving = Sum((Still(), Sine(1.0, 50.0)))
-    >>> moving.specific_force(np.array([0.005])).round(5)
-    array([[ 0.     ,  0.     , 10.80665]])
-    """
 
-    parts: tuple[Motion, ...]
+def _stated(values: Mapping[str, Any], settings: Iterable[Setting]) -> dict[str, Any]:
+    """Return settings for JSON: quantities in SI with their unit, the rest as it is."""
+    units = {setting.name: setting.unit for setting in settings if setting.kind == 'quantity'}
+    stated = {}
+    for name, value in values.items():
+        if name in units and value is not None:
+            numbers = value[0] if len(value) == 1 else list(value)
+            stated[name] = {'value': numbers, 'unit': units[name]}
+        else:
+            stated[name] = value
+    return stated
 
-    def specific_force(self, t: Array) -> Array:
-        """Return the sum of the parts, m/s², shape (n, 3)."""
-        return np.asarray(np.sum([part.specific_force(t) for part in self.parts], axis=0))
 
-    def angular_velocity(self, t: Array) -> Array:
-        """Return the sum of the parts, rad/s, shape (n, 3)."""
-        return np.asarray(np.sum([part.angular_velocity(t) for part in self.parts], axis=0))
-
-    def magnetic_field(self, t: Array) -> Array:
-        """Return the sum of the parts, T, shape (n, 3)."""
-        return np.asarray(np.sum([part.magnetic_field(t) for part in self.parts], axis=0))
-
-    def temperature(self, t: Array) -> Array:
-        """Return the sum of the parts, °C, shape (n,)."""
-        return np.asarray(np.sum([part.temperature(t) for part in self.parts], axis=0))
+def _truth(
+    name: str,
+    top: Mapping[str, Any],
+    seed: int,
+    spans: Sequence[Zone],
+    motions: list[dict[str, Any]],
+) -> dict[str, Any]:
+    zones = [{'name': z.name, 'begin_s': z.begin_s, 'end_s': z.end_s} for z in spans]
+    return {
+        'name': name,
+        'seed': seed,
+        **_stated(top, _TOP),
+        'zones': zones,
+        'motions': motions,
+    }

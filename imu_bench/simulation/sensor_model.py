@@ -4,146 +4,102 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-import math
-from typing import Any
 
 from imu_bench.errors import ConfigError
-from imu_bench.simulation.noise import Array, Flicker, Noise, Quantisation, RandomWalk, White
+from imu_bench.samples import AXES
+from imu_bench.simulation.axis_output import AxisOutput
+from imu_bench.simulation.low_pass import LowPass, motion_sections
+from imu_bench.simulation.sensor_errors import Array, Errors, REFERENCE_C
 import numpy as np
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 QUANTITIES = ('acceleration', 'angular_velocity', 'magnetic_field', 'temperature')
 """Fields of `imu_bench.samples.Samples`, in the order in which they draw their seeds."""
 
-Axes = Any  # a number, three of them, or an array: always an array of three once it is made
-
-
-@dataclass(frozen=True, eq=False)
-class Errors:
-    """
-    The errors of one quantity of a sensor, in SI units; a number, or one per axis.
-
-    Attributes
-    ----------
-    noise_density : float or array
-        White noise, one-sided density in unit/√Hz as datasheets print it; the
-        Allan coefficient N is this divided by √2.
-    bias_instability : float or array
-        B in the unit of the signal; the floor of the Allan deviation is 0.664 B.
-    random_walk : float or array
-        K in unit/√s.
-    quantisation : float or array
-        Q in unit·s.
-    bias : float or array
-        Constant offset.
-    scale_factor : float or array
-        Relative error of the scale: 0.01 shows one percent too much.
-    misalignment : float or array
-        Rotation vector from the true axes to those of the sensor, rad.
-    high_pass : float or array
-        Corner frequency in Hz of a sensor that does not pass constant values, such
-        as a piezoelectric one; zero for none.
-    range : float or array
-        Largest magnitude; beyond it the output saturates.
-    resolution : float or array
-        Smallest step; zero for none.
-    axes : str
-        Which axes the sensor has; the others are NaN.
-
-    Examples
-    --------
-    >>> Errors(noise_density=1.5e-3, axes='z').noise_density
-    array([0.0015, 0.0015, 0.0015])
-    """
-
-    noise_density: Axes = 0.0
-    bias_instability: Axes = 0.0
-    random_walk: Axes = 0.0
-    quantisation: Axes = 0.0
-    bias: Axes = 0.0
-    scale_factor: Axes = 0.0
-    misalignment: Axes = 0.0
-    high_pass: Axes = 0.0
-    range: Axes = math.inf
-    resolution: Axes = 0.0
-    axes: str = 'xyz'
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            if field.name != 'axes':
-                object.__setattr__(
-                    self, field.name, _per_axis(field.name, getattr(self, field.name))
-                )
-        if not self.axes or any(axis not in 'xyz' for axis in self.axes):
-            raise ConfigError(f'axes {self.axes!r} are not allowed; name some of x, y and z')
-
-
-def _per_axis(name: str, value: Any) -> Array:
-    numbers = np.asarray(value, dtype=float).ravel()
-    if numbers.size not in (1, 3) or np.isnan(numbers).any():
-        raise ConfigError(f'{name} {value!r} is not allowed; give one number, or one per axis')
-    if name not in ('bias', 'scale_factor', 'misalignment') and (numbers < 0).any():
-        raise ConfigError(f'{name} {value!r} is negative; it must be zero or more')
-    return np.broadcast_to(numbers, (3,))
-
 
 class _QuantityModel:
-    """The errors of one quantity, with the state of its noise."""
+    """The errors of one quantity, with the state of its filter and its noise."""
 
-    def __init__(self, errors: Errors, columns: int, seed: np.random.SeedSequence) -> None:
-        self._errors = errors
-        self._columns = columns
-        streams = [np.random.default_rng(child) for child in seed.spawn(4)]
-        processes: tuple[tuple[type[Noise], Array], ...] = (
-            (White, errors.noise_density),
-            (Flicker, errors.bias_instability),
-            (RandomWalk, errors.random_walk),
-            (Quantisation, errors.quantisation),
+    def __init__(self, name: str, errors: Errors, seed: np.random.SeedSequence) -> None:
+        self.errors = errors
+        self._name = name
+        self.columns = 1 if name == 'temperature' else len(AXES)
+        present = [i for i in range(self.columns) if errors.has(i) or self.columns == 1]
+        # every axis draws a seed, present or not
+        seeds = seed.spawn(self.columns)
+        self._outputs = {i: AxisOutput(errors, i, seeds[i]) for i in present}
+        self.turn_on = np.array(
+            [self._outputs[i].turn_on if i in self._outputs else 0.0 for i in range(self.columns)]
         )
-        self._noises: list[Noise] = [
-            process(np.asarray(coefficient)[:columns], stream)
-            for (process, coefficient), stream in zip(processes, streams, strict=True)
-            if np.any(coefficient)
-        ]
         x, y, z = errors.misalignment
-        self._rotation = expm(np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]))
-        self._settled: Array | None = None
-        self._missing = [i for i, axis in enumerate('xyz'[:columns]) if axis not in errors.axes]
+        rotation = expm(np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]))
+        # components along rotated axes: the inverse rotation, so row vectors times R
+        self._mixing = rotation @ (np.eye(len(AXES)) + errors.cross_axis).T
+        self._mixes = self.columns > 1 and not np.array_equal(self._mixing, np.eye(len(AXES)))
+        self._low_passes = [
+            LowPass(float(corner), errors.low_pass_order, motion_sections)
+            if np.isfinite(corner)
+            else None
+            for corner in errors.low_pass[: self.columns]
+        ]
+        corners = errors.low_pass[: self.columns]
+        self.corner_hz = float(max(corners[np.isfinite(corners)], default=0.0))
 
-    def sample(self, truth: Array, period_s: float) -> Array:
-        errors = self._errors
-        columns = slice(self._columns)
-        values = truth.reshape(len(truth), self._columns)
-        if np.any(errors.misalignment) and self._columns == 3:
-            # components along rotated axes: the inverse rotation, so row vectors times R
-            values = values @ self._rotation
-        values = values * (1.0 + errors.scale_factor[columns]) + errors.bias[columns]
-        for noise in self._noises:
-            values = values + noise.sample(len(truth), period_s)
-        if np.any(errors.high_pass) and len(values):
-            values = self._ac_coupled(values, period_s)
-        values = np.clip(values, -errors.range[columns], errors.range[columns])
-        for i in np.flatnonzero(errors.resolution[columns]):
-            values[:, i] = np.round(values[:, i] / errors.resolution[i]) * errors.resolution[i]
-        values[:, self._missing] = np.nan
-        return np.asarray(values.reshape(truth.shape))
+    def ideal(self, truth: Mapping[str, Array]) -> Array:
+        """Return what the axes would show of constant truths for ever, shape (rows, columns)."""
+        return self._with_offsets(self._seen(truth), truth['temperature'])
 
-    def _ac_coupled(self, values: Array, period_s: float) -> Array:
-        """Return what passes a first-order high-pass that was settled when it all began."""
-        if self._settled is None:
-            self._settled = values[:1].copy()
-        passed = np.empty_like(values)
-        for i in range(self._columns):
-            decay = math.exp(-2.0 * math.pi * self._errors.high_pass[i] * period_s)
-            constant, state = lfilter(
-                [1.0 - decay], [1.0, -decay], values[:, i], zi=decay * self._settled[:, i]
-            )
-            self._settled[:, i] = state / decay
-            corner = self._errors.high_pass[i] > 0.0
-            passed[:, i] = values[:, i] - constant if corner else values[:, i]
-        return passed
+    def sample(
+        self, truth: Mapping[str, Array], n: int, period_s: float, oversampling: int, moves: bool
+    ) -> Array:
+        """Return the next n values, shape (n, columns)."""
+        seen = self._seen(truth)
+        if moves and self.corner_hz:
+            seen = self._filtered(seen, n * oversampling, oversampling / period_s)
+        if len(seen) > 1:
+            seen = seen[oversampling - 1 :: oversampling]
+        temperature = truth['temperature']
+        if len(temperature) > 1:
+            temperature = temperature[oversampling - 1 :: oversampling]
+        ideal = self._with_offsets(seen, temperature)
+        values = np.empty((n, self.columns))
+        for i in range(self.columns):
+            if i in self._outputs:
+                column = float(ideal[0, i]) if len(ideal) == 1 else ideal[:, i]
+                values[:, i] = self._outputs[i].sample(column, n, period_s)
+            else:
+                values[:, i] = np.nan
+        return values
+
+    def _seen(self, truth: Mapping[str, Array]) -> Array:
+        """Return what reaches the axes before any filter."""
+        own = truth[self._name].reshape(-1, self.columns)
+        force = truth['acceleration']
+        if self._mixes:
+            own = own @ self._mixing
+        if np.any(self.errors.acceleration_bias):
+            own = own + force @ self.errors.acceleration_bias.T
+        if np.any(self.errors.vibration_rectification):
+            own = own + self.errors.vibration_rectification * force**2
+        return own
+
+    def _filtered(self, seen: Array, n: int, rate_hz: float) -> Array:
+        filtered = np.empty((n, self.columns))
+        filtered[:] = seen
+        for i, low_pass in enumerate(self._low_passes):
+            if low_pass is not None and i in self._outputs:
+                filtered[:, i] = low_pass.apply(filtered[:, i], rate_hz)
+        return filtered
+
+    def _with_offsets(self, seen: Array, temperature: Array) -> Array:
+        errors, columns = self.errors, slice(self.columns)
+        scale = 1.0 + errors.scale_factor[columns]
+        offset = errors.bias[columns] + self.turn_on
+        if np.any(errors.temperature_bias) or np.any(errors.temperature_scale):
+            off = (temperature - REFERENCE_C)[:, None]
+            scale = scale + off * errors.temperature_scale[columns]
+            offset = offset + off * errors.temperature_bias[columns]
+        return np.asarray(seen * scale + offset)
 
 
 class ErrorModel:
@@ -158,10 +114,16 @@ class ErrorModel:
     seed : int or numpy.random.SeedSequence
         The same seed gives the same noise, whatever the sizes of the blocks.
 
+    Attributes
+    ----------
+    errors : mapping of str to Errors
+    turn_on : mapping of str to ndarray
+        The offset that each quantity was switched on with, per axis.
+
     Examples
     --------
     >>> model = ErrorModel({'acceleration': Errors(bias=(0.1, 0.0, 0.0))}, seed=1)
-    >>> model.sample({'acceleration': np.array([[0.0, 0.0, 9.8]])}, 1e-3)['acceleration']
+    >>> model.sample({'acceleration': np.array([[0.0, 0.0, 9.8]])}, 1, 1e-3)['acceleration']
     array([[0.1, 0. , 9.8]])
     """
 
@@ -182,35 +144,83 @@ class ErrorModel:
         # every quantity draws a seed, present or not: adding one leaves the others as they were
         seeds = dict(zip(QUANTITIES, sequence.spawn(len(QUANTITIES)), strict=True))
         self._models = {
-            quantity: _QuantityModel(
-                errors[quantity], 1 if quantity == 'temperature' else 3, seeds[quantity]
-            )
+            quantity: _QuantityModel(quantity, errors[quantity], seeds[quantity])
             for quantity in QUANTITIES
             if quantity in errors
         }
+        self.errors = {quantity: model.errors for quantity, model in self._models.items()}
+        self.turn_on = {quantity: model.turn_on for quantity, model in self._models.items()}
 
     @property
     def quantities(self) -> tuple[str, ...]:
         """The quantities this sensor has."""
         return tuple(self._models)
 
-    def sample(self, truth: Mapping[str, Array], period_s: float) -> dict[str, Array]:
+    @property
+    def corner_hz(self) -> float:
+        """Highest corner of the sensor's own low-passes; zero if it has none."""
+        return max(model.corner_hz for model in self._models.values())
+
+    def ideal(self, truth: Mapping[str, Array]) -> dict[str, Array]:
+        """
+        Return what the sensor would show without noise, filters, range and resolution.
+
+        Parameters
+        ----------
+        truth : mapping of str to ndarray
+            As in `sample`.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Shape (rows of the truth, 3); temperature (rows, 1).
+        """
+        complete = _complete(truth)
+        return {quantity: model.ideal(complete) for quantity, model in self._models.items()}
+
+    def sample(
+        self,
+        truth: Mapping[str, Array],
+        n: int,
+        period_s: float,
+        *,
+        oversampling: int = 1,
+        moves: bool = True,
+    ) -> dict[str, Array]:
         """
         Return what the sensor makes of the truth; each call continues the last.
 
         Parameters
         ----------
         truth : mapping of str to ndarray
-            Per quantity shape (n, 3), temperature (n,), SI units.
+            Per quantity shape (n · oversampling, 3), temperature (n · oversampling,), SI
+            units; or a single row where nothing changes.  The last of each group of
+            `oversampling` rows is the time of the sample.  What is left out is zero, the
+            temperature 25 °C.
+        n : int
+            Samples.
         period_s : float
             Sample period; it may change from call to call.
+        oversampling : int
+        moves : bool
+            False for a truth too slow for the sensor's low-pass to matter.
 
         Returns
         -------
         dict of str to ndarray
-            The same shapes and units, NaN where the sensor lacks an axis.
+            Shape (n, 3), temperature (n,), NaN where the sensor lacks an axis.
         """
-        return {
-            quantity: model.sample(truth[quantity], period_s)
+        complete = _complete(truth)
+        made = {
+            quantity: model.sample(complete, n, period_s, oversampling, moves)
             for quantity, model in self._models.items()
         }
+        if 'temperature' in made:
+            made['temperature'] = made['temperature'][:, 0]
+        return made
+
+
+def _complete(truth: Mapping[str, Array]) -> dict[str, Array]:
+    nothing = np.zeros((1, len(AXES)))
+    still = dict.fromkeys(QUANTITIES, nothing)
+    return {**still, 'temperature': np.full(1, REFERENCE_C), **truth}

@@ -8,43 +8,68 @@ from typing import Any
 from zlib import crc32
 
 from imu_bench.config import SensorConfig
+from imu_bench.errors import ConfigError
 from imu_bench.registers import Typical
+from imu_bench.samples import AXES
 from imu_bench.simulation.chip import SensorSource
-from imu_bench.simulation.scenario import Motion, Sine, Still, Sum
-from imu_bench.simulation.sensor_model import ErrorModel, Errors, QUANTITIES
+from imu_bench.simulation.motion import attitude, Motion, Mounted
+from imu_bench.simulation.scenario import load_scenario, Scenario
+from imu_bench.simulation.sensor_errors import Errors
+from imu_bench.simulation.sensor_model import ErrorModel, QUANTITIES
 import numpy as np
 
-_TAKEN_OVER = ('noise_density', 'bias_instability')
-_TOLERANCES = {'bias': 'bias', 'scale_error': 'scale_factor'}
+_TAKEN_OVER = {
+    'noise_density': 'noise_density',
+    'bias_instability': 'bias_instability',
+    'high_pass': 'high_pass',
+}
+_DIGITAL = {'range': 'range', 'resolution': 'resolution', 'bandwidth': 'low_pass'}
+"""What the registers of an emulated chip make on the wire, and else the model."""
+
+_TOLERANCES = {
+    'bias': 'bias',
+    'scale_error': 'scale_factor',
+    'bias_per_kelvin': 'temperature_bias',
+    'scale_per_kelvin': 'temperature_scale',
+}
 """Limits in a datasheet: a sensor lies anywhere between them, and where is drawn."""
 
+_ROWS = ('cross_axis', 'acceleration_bias')
 
-def motion_of(config: SensorConfig) -> Motion:
+
+def scenario_of(config: SensorConfig) -> Scenario:
     """
-    Return how the bench moves; every sensor of a bench given the same settings moves alike.
+    Return the scenario that a sensor's file names.
 
     Examples
     --------
-    >>> motion_of(SensorConfig('a', 'generic', 'emulated')).temperature(np.zeros(1))
+    >>> scenario_of(SensorConfig('a', 'generic', 'emulated')).name
+    'still'
+    """
+    return load_scenario(str(config.simulation.get('scenario', 'still')))
+
+
+def motion_of(config: SensorConfig, scenario: Scenario) -> Motion:
+    """
+    Return how a sensor moves: with the bench, tilted on it, and warm.
+
+    Examples
+    --------
+    >>> config = SensorConfig('a', 'generic', 'emulated')
+    >>> motion_of(config, scenario_of(config)).temperature(np.zeros(1))
     array([25.])
     """
     given = config.simulation
-    still = Still(
-        roll=_number(given, 'roll', 0.0),
-        pitch=_number(given, 'pitch', 0.0),
-        temperature_c=_number(given, 'temperature', 25.0),
-    )
-    if given.get('scenario', 'still') == 'still':
-        return still
-    sine = Sine(
-        amplitude=_number(given, 'sine.amplitude', 1.0),
-        frequency_hz=_number(given, 'sine.frequency', 10.0),
-        axis=given.get('sine.axis', 'z'),
-    )
-    return Sum((still, sine))
+    rotation = attitude(_number(given, 'roll', 0.0), _number(given, 'pitch', 0.0))
+    heating, warm_up = _number(given, 'self_heating', 0.0), _number(given, 'warm_up', 60.0)
+    if not heating and np.array_equal(rotation, np.eye(3)):
+        return scenario.motion
+    return Mounted(scenario.motion, rotation, heating, warm_up)
 
 
-def errors_of(config: SensorConfig, typical: Mapping[str, Typical]) -> dict[str, Errors]:
+def errors_of(
+    config: SensorConfig, typical: Mapping[str, Typical], *, on_wire: bool = False
+) -> dict[str, Errors]:
     """
     Return the errors of a sensor: typical values of its document, replaced by those given.
 
@@ -57,6 +82,13 @@ def errors_of(config: SensorConfig, typical: Mapping[str, Typical]) -> dict[str,
     typical : mapping of str to Typical
         As the driver declares it; empty for a generic source, which has what the
         configuration speaks of.
+    on_wire : bool
+        Whether an emulated chip filters and quantises, so that the source must not.
+
+    Raises
+    ------
+    ConfigError
+        If an error makes no sense; the text names the quantity.
     """
     rng = np.random.default_rng(_seed(config).spawn(1)[0])
     errors = {}
@@ -67,12 +99,18 @@ def errors_of(config: SensorConfig, typical: Mapping[str, Typical]) -> dict[str,
             for key, value in config.simulation.items()
             if key.startswith(prefix)
         }
+        # drawn for every quantity, so that none depends on which others there are
         drawn = {name: rng.uniform(-1.0, 1.0, 3) for name in _TOLERANCES}
-        if quantity in typical:
-            given = {**_typical_errors(typical[quantity], drawn), **given}
-        elif not given:
+        drawn['cross_axis'] = rng.uniform(-1.0, 1.0, (3, 3)) * (1.0 - np.eye(3))
+        if quantity not in typical and not given:
             continue
-        errors[quantity] = Errors(**given)
+        try:
+            values = _with_rows(given)
+            if quantity in typical:
+                values = {**_typical_errors(typical[quantity], drawn, on_wire), **values}
+            errors[quantity] = Errors(**values)
+        except ConfigError as error:
+            raise ConfigError(f'{config.source}.simulation.{quantity}: {error}') from error
     return errors
 
 
@@ -82,6 +120,10 @@ def sensor_source(
     nominal_hz: float,
     start_ns: int,
     quantities: tuple[str, ...] = QUANTITIES,
+    *,
+    scenario: Scenario | None = None,
+    run: int = 0,
+    on_wire: bool = False,
 ) -> SensorSource:
     """
     Return the sampling core of an emulated sensor.
@@ -94,36 +136,64 @@ def sensor_source(
     start_ns : int
     quantities : tuple of str
         Those wanted; a chip whose dies sample at different rates has a source for each.
+    scenario : Scenario, optional
+        How the bench moves; what the sensor's file says by default.
+    run : int
+        Another run gives other noise and another turn-on bias of the same sensor.
+    on_wire : bool
+        Whether an emulated chip filters and quantises what the source makes.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scenario, or an error makes no sense.
 
     Notes
     -----
     The seed of a sensor comes from `simulation.seed` and its name, so that
     sensors of one bench are independent, and each is the same in every run.
     """
-    errors = errors_of(config, typical)
+    errors = errors_of(config, typical, on_wire=on_wire)
     wanted = {quantity: errors[quantity] for quantity in quantities if quantity in errors}
     return SensorSource(
-        motion_of(config),
-        ErrorModel(wanted, _seed(config)),
+        motion_of(config, scenario or scenario_of(config)),
+        ErrorModel(wanted, _seed(config, run)),
         nominal_hz,
         rate_error=_number(config.simulation, 'rate_error', 0.0),
         start_ns=start_ns,
     )
 
 
-def _seed(config: SensorConfig) -> np.random.SeedSequence:
-    return np.random.SeedSequence([config.simulation.get('seed', 0), crc32(config.name.encode())])
+def _seed(config: SensorConfig, run: int = 0) -> np.random.SeedSequence:
+    numbers = [config.simulation.get('seed', 0), crc32(config.name.encode())]
+    return np.random.SeedSequence([*numbers, run] if run else numbers)
 
 
 def _number(given: Mapping[str, Any], name: str, default: float) -> float:
     return float(given.get(name, (default,))[0])
 
 
-def _typical_errors(typical: Typical, drawn: Mapping[str, Any]) -> dict[str, Any]:
+def _with_rows(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings with the rows of a matrix, 'cross_axis.x' and so on, put together."""
+    values = {name: value for name, value in given.items() if '.' not in name}
+    for name in _ROWS:
+        if any(f'{name}.{axis}' in given for axis in AXES):
+            rows = [given.get(f'{name}.{axis}', (0.0, 0.0, 0.0)) for axis in AXES]
+            for axis, row in zip(AXES, rows, strict=True):
+                if len(row) != len(AXES):
+                    raise ConfigError(f'{name}.{axis}: give three values, for true x, y and z')
+            values[name] = rows
+    return values
+
+
+def _typical_errors(typical: Typical, drawn: Mapping[str, Any], on_wire: bool) -> dict[str, Any]:
+    taken = _TAKEN_OVER if on_wire else {**_TAKEN_OVER, **_DIGITAL}
     found = {
-        name: getattr(typical, name) for name in _TAKEN_OVER if getattr(typical, name) is not None
+        becomes: getattr(typical, name)
+        for name, becomes in taken.items()
+        if getattr(typical, name) is not None
     }
-    for name, becomes in _TOLERANCES.items():
+    for name, becomes in {**_TOLERANCES, 'cross_axis': 'cross_axis'}.items():
         limit = getattr(typical, name)
         if limit is not None:
             found[becomes] = drawn[name] * np.asarray(limit)

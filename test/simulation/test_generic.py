@@ -4,8 +4,9 @@
 from imu_bench.simulation.chip import SensorSource
 from imu_bench.simulation.clock import SimulatedClock
 from imu_bench.simulation.generic import GenericSensor
-from imu_bench.simulation.scenario import Still
-from imu_bench.simulation.sensor_model import ErrorModel, Errors
+from imu_bench.simulation.motion import Still
+from imu_bench.simulation.sensor_errors import Errors
+from imu_bench.simulation.sensor_model import ErrorModel
 
 
 def sensor():

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`imu-bench simulate`: a bag of a simulated bench, far faster than real time."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import re
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from imu_bench.errors import ConfigError, UnitError
+
+if TYPE_CHECKING:
+    from imu_bench.config import SensorConfig
+    from imu_bench.simulation.scenario import Scenario
+
+_DESCRIPTION = """\
+Simulates every sensor of a bench in a scenario and writes what a recorder would have written,
+with the truth beside it in truth.json.  Nothing waits: hours take seconds."""
+
+_LONGEST_S = 366 * 86400.0
+
+
+def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add this verb."""
+    parser = verbs.add_parser(
+        'simulate', help='write the bag of a simulated bench', description=_DESCRIPTION
+    )
+    parser.add_argument(
+        'bench', nargs='?', metavar='BENCH', help='a bench of config/benches or a YAML file'
+    )
+    parser.add_argument(
+        '--from', dest='results', type=Path, metavar='JSON',
+        help='simulate twins of the sensors in a result of `imu-bench analyze`',
+    )  # fmt: skip
+    parser.add_argument(
+        '--scenario', default='still', metavar='S',
+        help='a scenario of config/scenarios or a YAML file (default still)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--set', action='append', default=[], metavar='NAME=VALUE', dest='overrides',
+        help="change a setting of the scenario, as in 'sine.frequency=90 Hz' (repeatable)",
+    )  # fmt: skip
+    parser.add_argument(
+        '--duration', type=_duration, metavar='T',
+        help="simulated time, such as 14h, 20min or 90s (default the scenario's own)",
+    )  # fmt: skip
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR', help='the bag')
+    parser.add_argument(
+        '--storage', choices=('mcap', 'sqlite3', 'npy'),
+        help="format of the bag (default the bench's), or npy for columns alone",
+    )  # fmt: skip
+    parser.add_argument(
+        '--seed', type=_seed, default=0, metavar='N', help='another run of the same sensors'
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate and return the exit code."""
+    # imported here: help must not wait for scipy
+    from imu_bench import bench
+    from imu_bench.cli.progress import Bar
+    from imu_bench.simulation import recording
+    from imu_bench.simulation.scenario import load_scenario
+
+    if arguments.output.exists():
+        raise ConfigError(f'{arguments.output}: exists already; name another folder with -o')
+    sensors, storage = _sensors(arguments)
+    scenario = load_scenario(
+        arguments.scenario, seed=arguments.seed, overrides=arguments.overrides
+    )
+    duration_s = _length(arguments.duration, scenario)
+    simulated = [bench.simulate(sensor, scenario, run=arguments.seed) for sensor in sensors]
+    for sensor in simulated:
+        for remark in sensor.remarks():
+            print(f'note: {remark}', file=sys.stderr)
+    begun = time.monotonic()
+    with Bar() as bar:
+        step = bar.phase(f'simulating {scenario.name}')
+        if storage == 'npy':
+            counts = recording.write_columns(
+                arguments.output, simulated, scenario, duration_s,
+                run=arguments.seed, progress=step,
+            )  # fmt: skip
+        else:
+            counts = recording.write_bag(
+                arguments.output, simulated, scenario, duration_s,
+                storage=storage, run=arguments.seed, progress=step,
+            )  # fmt: skip
+    if arguments.results is not None:
+        _write_twins(arguments)
+    took_s = time.monotonic() - begun
+    what = 'samples' if storage == 'npy' else 'messages'
+    print(
+        f'wrote {arguments.output}: {sum(counts.values())} {what}, {duration_s:g} s in '
+        f'{took_s:.1f} s ({duration_s / took_s:.0f} times real time); '
+        f'truth in {arguments.output / recording.TRUTH}'
+    )
+    return 0
+
+
+def _sensors(arguments: argparse.Namespace) -> tuple[list[SensorConfig], str]:
+    """Return the sensors to simulate and the format of the bag."""
+    from imu_bench import bench
+    from imu_bench.config import sensor_from_parameters
+    from imu_bench.config.location import named_file
+
+    if (arguments.bench is None) == (arguments.results is None):
+        raise ConfigError('simulate what? Give either a bench or --from results.json')
+    if arguments.bench is not None:
+        config = bench.load_bench(named_file('benches', arguments.bench))
+        return list(config.sensors), arguments.storage or config.recorder.storage
+    from imu_bench.simulation.twin import twins
+
+    made = [
+        sensor_from_parameters(
+            name, parameters, settings_of=bench.settings_of, source=f'{arguments.results}: {name}'
+        )
+        for name, parameters in twins(arguments.results).items()
+    ]
+    return made, arguments.storage or 'mcap'
+
+
+def _write_twins(arguments: argparse.Namespace) -> None:
+    from imu_bench.simulation.twin import twins, write_twins
+
+    folder = arguments.output / 'twin'
+    write_twins(folder, twins(arguments.results), arguments.results.name)
+    print(f'wrote {folder}: sensor files of the twins, and bench.yaml to run them')
+
+
+def _length(wanted: float | None, scenario: Scenario) -> float:
+    length = wanted or scenario.duration_s
+    if length is None:
+        raise ConfigError(
+            f'scenario {scenario.name} has no end; say how long with --duration, such as 20min'
+        )
+    return length
+
+
+def _duration(text: str) -> float:
+    """
+    Return seconds from a text such as '14h' or '20 min'; a bare number is seconds.
+
+    Examples
+    --------
+    >>> _duration('14h'), _duration('90'), _duration('1.5 min')
+    (50400.0, 90.0, 90.0)
+    """
+    from imu_bench.units import convert
+
+    match = re.fullmatch(r'\s*([0-9.]+(?:e[+-]?\d+)?)\s*(.*?)\s*', text)
+    try:
+        if match is None:
+            raise ValueError
+        seconds = convert(float(match[1]), match[2] or 's', 's')
+    except (UnitError, ValueError):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is no duration; write a number and s, min or h, such as 14h'
+        ) from None
+    if not 0.1 <= seconds <= _LONGEST_S:
+        raise argparse.ArgumentTypeError(f'{text} is not between 0.1 s and 366 days')
+    return seconds
+
+
+def _seed(text: str) -> int:
+    number = int(text)
+    if not 0 <= number < 2**31:
+        raise argparse.ArgumentTypeError('a seed is between 0 and 2147483647')
+    return number

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an analysis of a simulated axis has to find: the noise that went in, and the rounding."""
+
+from __future__ import annotations
+
+import math
+
+from imu_bench.simulation.low_pass import noise_sections
+from imu_bench.simulation.noise import white_sigma
+from imu_bench.simulation.sensor_errors import Errors
+import numpy as np
+from scipy.signal import sosfilt
+from scipy.special import ndtr
+
+HIDDEN = 0.45
+"""Sigma in steps below which the resolution hides the noise."""
+
+_SIGMAS = 9.0
+_RESPONSE = 1 << 14
+
+
+def expected_coefficients(
+    errors: Errors, axis: int, rate_hz: float, value: float
+) -> dict[str, float]:
+    """
+    Return the noise coefficients of one axis as its output shows them.
+
+    Rounding to the sensor's resolution adds white noise, as long as the noise before it
+    moves the output by more than a fraction of a step; then N comes out larger than it went in.
+
+    Parameters
+    ----------
+    errors : Errors
+    axis : int
+    rate_hz : float
+        True output data rate.
+    value : float
+        What the axis shows without noise: where between two steps it stands.
+
+    Returns
+    -------
+    dict of str to float
+        Q, N, B and K as IEEE Std 952-1997 defines them, in SI.
+
+    Examples
+    --------
+    >>> noisy = Errors(noise_density=2e-3, resolution=5e-3)
+    >>> round(expected_coefficients(noisy, 0, 1000.0, 0.0)['N'] * 1e3, 5)
+    1.41495
+    """
+    density = float(errors.white_density[axis])
+    n = density / math.sqrt(2.0)
+    step = float(errors.resolution[axis])
+    if step:
+        sigma = white_sigma(density, 1.0 / rate_hz) * _noise_gain(errors, axis, rate_hz)
+        added = rounded_variance(value, sigma, step) - sigma**2
+        n = math.sqrt(max(n**2 + added / rate_hz, 0.0))
+    return {
+        'Q': float(errors.quantisation[axis]),
+        'N': n,
+        'B': float(errors.bias_instability[axis]),
+        'K': float(errors.random_walk[axis]),
+    }
+
+
+def rounding_shows_noise(errors: Errors, axis: int, rate_hz: float) -> bool:
+    """
+    Return whether the noise of an axis moves its output from step to step.
+
+    Below 0.45 steps of sigma, what comes out depends on where between two steps the axis
+    stands: slow noise is magnified or vanishes (Widrow and Kollár 2008, section 5.3).
+    """
+    step = float(errors.resolution[axis])
+    density = float(errors.white_density[axis])
+    sigma = white_sigma(density, 1.0 / rate_hz) * _noise_gain(errors, axis, rate_hz)
+    return not step or sigma > HIDDEN * step
+
+
+def rounded_variance(mean: float, sigma: float, step: float) -> float:
+    """
+    Return the variance of normal values after rounding to multiples of a step.
+
+    For a sigma above half a step it is sigma² + step²/12 (B. Widrow, I. Kollár 2008,
+    "Quantization Noise", Cambridge University Press, chapter 5); this is the exact sum.
+
+    Examples
+    --------
+    >>> round(rounded_variance(0.3, 1.0, 0.5), 6), 1.0 + 0.5**2 / 12
+    (1.020833, 1.0208333333333333)
+    >>> rounded_variance(0.3, 0.0, 0.5)
+    0.0
+    """
+    if sigma == 0.0:
+        return 0.0
+    reach = math.ceil(_SIGMAS * sigma / step) + 1
+    codes = round(mean / step) + np.arange(-reach, reach + 1)
+    shares = np.diff(ndtr((np.append(codes - 0.5, codes[-1] + 0.5) * step - mean) / sigma))
+    off = codes * step - mean
+    middle = float(shares @ off)
+    return float(shares @ (off - middle) ** 2)
+
+
+def _noise_gain(errors: Errors, axis: int, rate_hz: float) -> float:
+    """Return by how much the sensor's low-pass reduces the sigma of white noise."""
+    corner = float(errors.low_pass[axis])
+    if math.isinf(corner):
+        return 1.0
+    sections = noise_sections(corner, errors.low_pass_order, rate_hz)
+    impulse = np.zeros(_RESPONSE)
+    impulse[0] = 1.0
+    response = sosfilt(sections, impulse)
+    return math.sqrt(float(response @ response))

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated bench into a bag, or into columns, as fast as the machine can."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+import errno
+import json
+import os
+from pathlib import Path
+from typing import Any, TypeVar
+
+from imu_bench import __version__
+from imu_bench.bags.writer import BagWriter
+from imu_bench.errors import RecordingError
+from imu_bench.samples import Samples
+from imu_bench.simulation.clock import START_NS
+from imu_bench.simulation.columns import ColumnWriter
+from imu_bench.simulation.scenario import Scenario
+from imu_bench.simulation.simulated import SimulatedSensor
+from imu_bench.simulation.topics import Messages, SensorMessages
+import numpy as np
+
+Progress = Callable[[int, int], None]
+"""Called with simulated seconds done and their number."""
+
+SLICE_S = 8.0
+"""Simulated time that is computed at once; two slices of all sensors are in memory."""
+
+WRITE_S = 0.1
+FEWEST = 400
+"""Messages of different topics are interleaved at this grain, or at that of so many messages."""
+
+TRUTH = 'truth.json'
+SCHEMA = 'imu_bench.truth/1'
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+Made = TypeVar('Made')
+
+
+def slices(
+    sensors: Sequence[SimulatedSensor],
+    duration_s: float,
+    make: Callable[[int, list[Samples]], Made],
+) -> Iterator[tuple[float, list[Made]]]:
+    """
+    Yield what is made of each slice of time, all sensors side by side, one slice ahead.
+
+    Parameters
+    ----------
+    sensors : sequence of SimulatedSensor
+    duration_s : float
+    make : callable
+        Called in a thread with the number of a sensor and its runs, one per source.
+
+    Yields
+    ------
+    float
+        End of the slice, s since the start.
+    list
+        What was made, by sensor.
+    """
+
+    def job(index: int, until_ns: int) -> Made:
+        runs = [source.samples_until(until_ns) for source in sensors[index].sources]
+        return make(index, runs)
+
+    ends = [*np.arange(SLICE_S, duration_s, SLICE_S).tolist(), duration_s]
+    # the busiest first, so that nobody waits for it in the end
+    order = sorted(range(len(sensors)), key=lambda k: -sensors[k].rate_hz)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+
+        def begin(end: float) -> dict[int, Future[Made]]:
+            until = START_NS + round(end * 1e9)
+            return {index: pool.submit(job, index, until) for index in order}
+
+        waiting = begin(ends[0])
+        for end, following in zip(ends, [*ends[1:], None], strict=True):
+            made = [waiting[index].result() for index in range(len(sensors))]
+            waiting = {} if following is None else begin(following)
+            yield end, made
+
+
+def write_bag(
+    path: Path,
+    sensors: Sequence[SimulatedSensor],
+    scenario: Scenario,
+    duration_s: float,
+    *,
+    storage: str = 'mcap',
+    run: int = 0,
+    progress: Progress | None = None,
+) -> dict[str, int]:
+    """
+    Write the bag that a recorder on the bench would have written, with the truth beside it.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the bag; must not exist.
+    sensors : sequence of SimulatedSensor
+    scenario : Scenario
+    duration_s : float
+    storage : {'mcap', 'sqlite3'}
+    run : int
+        For the truth.
+    progress : callable, optional
+
+    Returns
+    -------
+    dict of str to int
+        Messages by topic.
+
+    Raises
+    ------
+    RecordingError
+        If the folder exists, or the disk is full; what was written so far can be read.
+    """
+    encoders = [SensorMessages(sensor) for sensor in sensors]
+
+    def encode(index: int, runs: list[Samples]) -> list[Messages]:
+        return [messages for part in runs for messages in encoders[index].encode(part)]
+
+    custom = {'simulated_by': f'imu_bench {__version__}', 'scenario': scenario.name}
+    with BagWriter(path, storage, custom={**custom, 'seed': str(run)}) as bag:
+        write_truth(path, sensors, scenario, duration_s, run)
+        for encoder in encoders:
+            for topic in encoder.topics:
+                bag.add_topic(topic)
+        for end, made in slices(sensors, duration_s, encode):
+            _interleave(bag, [messages for part in made for messages in part])
+            bag.flush()
+            if progress is not None:
+                progress(int(end), int(duration_s))
+    return bag.counts
+
+
+def _interleave(bag: BagWriter, slice_: list[Messages]) -> None:
+    """Write the messages of a slice in small steps of time, topic after topic."""
+    if not slice_:
+        return
+    first = min(int(messages.receive_ns[0]) for messages in slice_)
+    last = max(int(messages.receive_ns[-1]) for messages in slice_)
+    count = sum(len(messages.rows) for messages in slice_)
+    grain = max(round(WRITE_S * 1e9), (last - first) * FEWEST // count)
+    edges = np.arange(first, last + 1, grain)
+    cuts = [
+        [*np.searchsorted(messages.receive_ns, edges).tolist(), len(messages.rows)]
+        for messages in slice_
+    ]
+    for step in range(edges.size):
+        for messages, cut in zip(slice_, cuts, strict=True):
+            part = slice(cut[step], cut[step + 1])
+            if part.start < part.stop:
+                bag.write_many(messages.topic, messages.receive_ns[part], messages.rows[part])
+
+
+def write_columns(
+    path: Path,
+    sensors: Sequence[SimulatedSensor],
+    scenario: Scenario,
+    duration_s: float,
+    *,
+    run: int = 0,
+    progress: Progress | None = None,
+) -> dict[str, int]:
+    """
+    Write the columns of every sensor as .npy files, one folder per sensor.
+
+    Parameters, errors and result as `write_bag`, with samples in place of messages.
+    """
+    try:
+        path.mkdir(parents=True)
+    except FileExistsError as problem:
+        raise RecordingError(f'{path}: exists already; choose another name') from problem
+    except OSError as problem:
+        raise RecordingError(f'{path}: cannot be written: {problem.strerror}') from problem
+    write_truth(path, sensors, scenario, duration_s, run)
+    writers = [ColumnWriter(path / sensor.name, sensor.sources) for sensor in sensors]
+    try:
+        for end, _ in slices(sensors, duration_s, lambda index, runs: writers[index].write(runs)):
+            if progress is not None:
+                progress(int(end), int(duration_s))
+        for writer in writers:
+            writer.close()
+    except OSError as problem:
+        for writer in writers:
+            writer.abandon()
+        reason = 'the disk is full' if problem.errno in _FULL else problem.strerror
+        raise RecordingError(f'{path}: {reason}; the columns are not complete') from problem
+    return {sensor.name: writer.count for sensor, writer in zip(sensors, writers, strict=True)}
+
+
+def write_truth(
+    path: Path,
+    sensors: Sequence[SimulatedSensor],
+    scenario: Scenario,
+    duration_s: float,
+    run: int,
+) -> None:
+    """
+    Write what is true about a simulated recording into truth.json in its folder.
+
+    Raises
+    ------
+    RecordingError
+        If the disk is full.
+    """
+    document: Mapping[str, Any] = {
+        'schema': SCHEMA,
+        'package': {'name': 'imu_bench', 'version': __version__},
+        'run': run,
+        'start_ns': START_NS,
+        'duration': {'value': duration_s, 'unit': 's'},
+        'scenario': scenario.truth,
+        'sensors': {sensor.name: sensor.truth() for sensor in sensors},
+    }
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1)
+    try:
+        (path / TRUTH).write_text(text + '\n', encoding='utf-8')
+    except OSError as problem:
+        raise RecordingError(f'{path / TRUTH}: cannot be written: {problem.strerror}') from problem
