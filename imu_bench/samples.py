@@ -109,6 +109,12 @@ class Samples:
         ------
         DataError
             If there are more or fewer stamps than samples.
+
+        Examples
+        --------
+        >>> run = Samples(stamps=[0, 10], temperature=[20.0, 21.0])
+        >>> run.restamped(np.array([5, 15])).stamps.tolist()
+        [5, 15]
         """
         if stamps.shape != self.stamps.shape:
             raise DataError(f'{len(self)} samples cannot have stamps of shape {stamps.shape}')

@@ -117,10 +117,9 @@ class IntervalMeter:
         """Take note of the next stamps, ns."""
         if stamps.size == 0:
             return
-        if self._last is None:
-            first, intervals = int(stamps[0]), np.diff(stamps)
-        else:
-            first, intervals = self._last, np.diff(stamps, prepend=self._last)
+        if self._last is not None:
+            stamps = np.concatenate(((self._last,), stamps))
+        first, intervals = int(stamps[0]), stamps[1:] - stamps[:-1]
         # deviations from nominal: small numbers keep their digits when squared
         even = intervals[intervals < 1.5 * self._nominal_ns] - self._nominal_ns
         self._last = int(stamps[-1])

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 from imu_bench.acquisition.clock_model import ClockModel
 from imu_bench.acquisition.stats import IntervalMeter
+from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.samples import Samples
 import numpy as np
+import numpy.typing as npt
 
 QUANTITIES = tuple(field.name for field in fields(Samples) if field.name != 'stamps')
 
@@ -53,10 +55,88 @@ class CountedStream:
 
     def _release(self) -> list[Samples]:
         held, self._held = self._held, []
-        stamped = [replace(run, stamps=self.model.stamps(len(run))) for run in held]
+        stamped = [run.restamped(self.model.stamps(len(run))) for run in held]
         for run in stamped:
             self.meter.add(run.stamps)
         return stamped
+
+
+class Pace:
+    """
+    The computer's own pace: in the place of a clock model where nothing counts the samples.
+
+    Attributes
+    ----------
+    missing : int
+        Deadlines at which no sample was taken.
+
+    Examples
+    --------
+    >>> pace = Pace(100.0)
+    >>> pace.observe(np.array([0, 10_100_000, 40_000_000]))
+    >>> pace.missing
+    2
+    """
+
+    NEARLY = 0.05
+    """Part of a period that a reading may come earlier than the earliest one so far."""
+
+    def __init__(self, nominal_hz: float) -> None:
+        self.nominal_hz = nominal_hz
+        self.missing = 0
+        self._period_ns = 1e9 / nominal_hz
+        self._due_ns: float | None = None
+        self._anew = False
+
+    def observe(self, stamps: npt.NDArray[np.int64]) -> None:
+        """Take note of the times at which samples were taken; a late one is not a loss."""
+        for t in stamps.tolist():
+            due = t if self._due_ns is None else self._due_ns
+            lost = max(0, int((t - due) / self._period_ns + (0.5 if self._anew else self.NEARLY)))
+            self.missing += lost
+            # deadlines follow the earliest readings; after a restart they begin anew
+            due = t if self._anew else min(due + lost * self._period_ns, t)
+            self._due_ns, self._anew = due + self._period_ns, False
+
+    def interrupt(self) -> None:
+        """Take note that the deadlines begin anew."""
+        self._anew = True
+
+    def rate(self, confidence: float = CONFIDENCE) -> Estimate:
+        """Return that there is none to be found out."""
+        return Estimate.not_observable(
+            'Hz', 'this computer sets the pace; see the delivered rate', confidence=confidence
+        )
+
+
+class PacedStream:
+    """A stream whose samples are taken when the driver reads: their stamps stand."""
+
+    def __init__(self, nominal_hz: float) -> None:
+        self.model = Pace(nominal_hz)
+        self.meter = IntervalMeter(nominal_hz)
+
+    def push(self, run: Samples) -> list[Samples]:
+        """Take a run that was just read; return it."""
+        if not len(run):
+            return []
+        self.model.observe(run.stamps)
+        self.meter.add(run.stamps)
+        return [run]
+
+    def interrupt(self) -> list[Samples]:
+        """Take note of a loss."""
+        self.model.interrupt()
+        return []
+
+    def flush(self) -> list[Samples]:
+        """Nothing is held back."""
+        return []
+
+
+def main_stream(nominal_hz: float, paced: bool) -> CountedStream | PacedStream:
+    """Return the main stream of a sensor: paced by the host, or by the chip."""
+    return PacedStream(nominal_hz) if paced else CountedStream(nominal_hz)
 
 
 class PolledStream:
@@ -73,11 +153,14 @@ class PolledStream:
         """Take a run that was just read; return it in order."""
         if not len(run):
             return []
+        if len(run) == 1 and run.stamps[0] > self._last:
+            self._last = int(run.stamps[0])
+            return [run]
         steps = np.arange(len(run) + 1)
         guesses = np.concatenate([[self._last], run.stamps])
         stamps = (np.maximum.accumulate(guesses - steps) + steps)[1:]
         self._last = int(stamps[-1])
-        return [replace(run, stamps=stamps)]
+        return [run.restamped(stamps)]
 
     def interrupt(self) -> list[Samples]:
         """Nothing is held back."""

@@ -9,7 +9,13 @@ import threading
 from typing import Protocol
 
 from imu_bench.acquisition.stats import AcquisitionStats, error_of
-from imu_bench.acquisition.streams import CountedStream, PolledStream, quantities
+from imu_bench.acquisition.streams import (
+    CountedStream,
+    main_stream,
+    PacedStream,
+    PolledStream,
+    quantities,
+)
 from imu_bench.bus.interface import Clock
 from imu_bench.errors import BenchError, NotReady
 from imu_bench.samples import Samples
@@ -41,6 +47,8 @@ class Device(Protocol):
     def rate_hz(self) -> float: ...
     @property
     def rates_hz(self) -> Mapping[str, float]: ...
+    @property
+    def paced(self) -> bool: ...
     @property
     def poll_period_s(self) -> float: ...
     def identify(self) -> str: ...
@@ -99,7 +107,7 @@ class Acquisition:
         self._queue: deque[Samples] = deque()
         self._queued = 0
         self._counts: Counter[str] = Counter()
-        self._main = CountedStream(driver.rate_hz)
+        self._main = main_stream(driver.rate_hz, driver.paced)
         self._beside: dict[tuple[str, ...], PolledStream] = {}
         self._state = 'stopped'
         self._part = ''
@@ -255,7 +263,7 @@ class Acquisition:
         with self._lock:
             # what passed while nobody wanted data is not lost
             self._counts['lost'] += self._main.model.missing
-            self._main = CountedStream(self._driver.rate_hz)
+            self._main = main_stream(self._driver.rate_hz, self._driver.paced)
         self._state = 'starting'
         self._due_ns = self._clock.now_ns()
 
@@ -291,7 +299,7 @@ class Acquisition:
             self.on_data()
         self._listen(any(len(run) for run in runs))
 
-    def _stream(self, run: Samples) -> CountedStream | PolledStream:
+    def _stream(self, run: Samples) -> CountedStream | PacedStream | PolledStream:
         kind = quantities(run)
         if not any(quantity in self._driver.rates_hz for quantity in kind):
             return self._main
@@ -339,11 +347,12 @@ class Acquisition:
 
         Reading in step with the chip would show the clock model the same phase
         over and over; shifts by multiples of the golden ratio show it every
-        phase, so that some reading soon comes right after a sample.
+        phase, so that some reading soon comes right after a sample.  Where the
+        reading is the sample there is no shift.
         """
         now = self._clock.now_ns()
         poll = self._driver.poll_period_s * 1e9
-        reach = min(1e9 / self._driver.rate_hz, 0.5 * poll)
+        reach = 0.0 if self._driver.paced else min(1e9 / self._driver.rate_hz, 0.5 * poll)
         self._turn += 1
         if self._base_ns + (self._turn + 1) * poll < now:
             self._counts['late'] += 1

@@ -24,7 +24,7 @@ class Registers:
     """
     A chip's registers by their declarations.
 
-    Every method is one transaction per register and says so; nothing is cached, so what is
+    Every method is one transaction per register, or says so; nothing is cached, so what is
     read is what the chip holds.
 
     Parameters
@@ -43,6 +43,11 @@ class Registers:
         if register.access == 'wo':
             raise ConfigError(f'{register} is write only')
         return self._bus(register).read(register.number, length or register.size)
+
+    def bytewise(self, register: Register) -> bytes:
+        """Return the bytes of a register, each in a transaction of its own."""
+        bus = self._bus(register)
+        return b''.join(bus.read(register.number + k, 1) for k in range(register.size))
 
     def word(self, register: Register) -> int:
         """Return the word a register holds."""

@@ -16,12 +16,13 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from imu_bench.bus.counting import CountingBus
-from imu_bench.bus.interface import ByteStream, Clock, FrameBus, RegisterBus
+from imu_bench.bus.interface import ByteStream, Clock, DaqBoard, FrameBus, RegisterBus
 from imu_bench.bus.register_access import Registers
 from imu_bench.bus.wiring import Wiring
 from imu_bench.config.schema import check_all, raise_if_any, Setting
 from imu_bench.errors import IdentityError, NoAnswer
 from imu_bench.registers import (
+    Channel,
     Field,
     Identity,
     RegisterMap,
@@ -34,7 +35,7 @@ from imu_bench.samples import Samples
 
 __all__ = ['Bus', 'Driver', 'Identity', 'Setting', 'Typical', 'Witness', 'choice']
 
-Bus = RegisterBus | FrameBus | ByteStream
+Bus = RegisterBus | FrameBus | ByteStream | DaqBoard
 
 
 def choice(name: str, field: Field, default: Value, description: str) -> Setting:
@@ -135,6 +136,11 @@ class Driver(RegisterMap, ABC):
         raise_if_any(problems)
         return values
 
+    @classmethod
+    def channels_on(cls, kind: str) -> Mapping[str, Channel]:
+        """Return the channels that a sensor on such a bus has, by name."""
+        return cls.declared(Channel)  # type: ignore[type-abstract]
+
     def register_buses(self, wires: Mapping[str, Any]) -> Mapping[str, RegisterBus]:
         """
         Return a RegisterBus for each part.
@@ -149,6 +155,15 @@ class Driver(RegisterMap, ABC):
     @abstractmethod
     def rate_hz(self) -> float:
         """Return the nominal output data rate of the main stream."""
+
+    @property
+    def paced(self) -> bool:
+        """
+        Return whether the host sets the pace: each `read` takes one sample there and then.
+
+        Its stamps are the times at which that happened and stand as they are.
+        """
+        return False
 
     @property
     @abstractmethod

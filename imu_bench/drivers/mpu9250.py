@@ -247,13 +247,17 @@ class Mpu9250(Driver):
     # --- the stream ----------------------------------------------------------------------
     def __init__(self, bus: Any, clock: Clock, settings: Mapping[str, object]) -> None:
         super().__init__(bus, clock, settings)
-        self._has_magnetometer = self.values['magnetometer_rate_hz'] != 0.0
+        rate = float(self.values['magnetometer_rate_hz'])
+        self._has_magnetometer = rate != 0.0
+        self._rates_hz = {'magnetic_field': rate} if rate else {}
         self._in_fifo = self._has_magnetometer and MAG not in self._wires
         inertial = (self.acceleration, self.temperature, self.angular_velocity)
         behind = (self.ST1, self.magnetic_field, self.ST2)
         self._frame = Frame(*inertial, *(behind if self._in_fifo else ()))
         self._magnetometer_frame = Frame(*behind)
         self._period_ns = 1e9 / self.rate_hz
+        fields = (max(0.8 / r - 1 / self.rate_hz, 0.6 / r) for r in self._rates_hz.values())
+        self._poll_s = min(FIFO_BYTES // self._frame.size / 4 / self.rate_hz, *fields, 0.25)
         self._magnetometer_seen_ns = 0
         self._torn = False
 
@@ -269,14 +273,12 @@ class Mpu9250(Driver):
     @property
     def rates_hz(self) -> Mapping[str, float]:
         """Return the nominal rate of the magnetometer."""
-        rate = float(self.values['magnetometer_rate_hz'])
-        return {'magnetic_field': rate} if rate else {}
+        return self._rates_hz
 
     @property
     def poll_period_s(self) -> float:
-        """Return a quarter of the FIFO, and less than a period of the magnetometer."""
-        quarter = FIFO_BYTES // self._frame.size / 4 / self.rate_hz
-        return min(quarter, *(0.8 / rate for rate in self.rates_hz.values()), 0.25)
+        """Return a quarter of the FIFO, or what reads each field though acquisition varies it."""
+        return self._poll_s
 
     def assignments(self) -> dict[Any, Value]:
         """Return the settings, with the filters on and, on SPI, I²C off (RM register 106)."""

@@ -52,6 +52,11 @@ class Timing:
         return cls(8e9 / speed_hz, 1, 1, 1e9 / speed_hz)
 
     @classmethod
+    def frames(cls, speed_hz: float = 1e6) -> Timing:
+        """Return SPI frames: nothing but the bytes, and 10 µs between two of them."""
+        return cls(8e9 / speed_hz, 0, 0, 10e3 + 1e9 / speed_hz)
+
+    @classmethod
     def serial(cls, baud: float = 115200.0) -> Timing:
         """Return a serial line: start, eight data bits, stop."""
         return cls(10e9 / baud, 0, 0, 0.0)

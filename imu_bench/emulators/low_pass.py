@@ -9,7 +9,7 @@ from scipy.signal import butter, lfilter, lfilter_zi
 
 class LowPass:
     """
-    First order, -3 dB at the bandwidth the document prints, settled on the first sample.
+    Butterworth, -3 dB at the bandwidth the document prints, settled on the first sample.
 
     Noise density in the pass band is kept.  A bandwidth at or above half the rate filters
     nothing; what a real chip folds back into the band then is not reproduced.
@@ -17,6 +17,7 @@ class LowPass:
     Parameters
     ----------
     bandwidth_hz, rate_hz : float
+    order : int
 
     Examples
     --------
@@ -24,8 +25,9 @@ class LowPass:
     [1.0, 1.0, 1.0]
     """
 
-    def __init__(self, bandwidth_hz: float, rate_hz: float) -> None:
-        self._taps = butter(1, bandwidth_hz, fs=rate_hz) if bandwidth_hz < rate_hz / 2 else None
+    def __init__(self, bandwidth_hz: float, rate_hz: float, order: int = 1) -> None:
+        passes_all = bandwidth_hz >= rate_hz / 2
+        self._taps = None if passes_all else butter(order, bandwidth_hz, fs=rate_hz)
         self._state: np.ndarray | None = None
 
     def filter(self, values: np.ndarray) -> np.ndarray:

@@ -92,10 +92,10 @@ class RegisterMemory:
         """Set the word of a register, from inside the chip."""
         self.fill(register, register.pack(word))
 
-    def fill(self, register: Register, data: bytes) -> None:
-        """Set the first bytes of a register, from inside the chip."""
+    def fill(self, register: Register, data: bytes, start: int = 0) -> None:
+        """Set the bytes of a register, from inside the chip; the first ones, or from `start`."""
         for k, byte in enumerate(data):
-            self._bytes[register.number + k] = byte
+            self._bytes[register.number + start + k] = byte
 
     def code(self, field: Field) -> int:
         """Return the code in a field, from inside the chip."""
@@ -150,6 +150,10 @@ class EmulatedChip:
         """Return the register number of an address byte, and whether it increments."""
         return first, True
 
+    def following(self, number: int) -> int:
+        """Return the register with which a burst goes on."""
+        return number + 1
+
     def reading(self, number: int, at_ns: int) -> None:
         """Prepare a byte that is about to be read."""
 
@@ -188,7 +192,7 @@ class EmulatedChip:
             self.reading(number, at_ns)
             out.append(self.memory.read(number))
             self.was_read(number, at_ns)
-            number += increments
+            number = self.following(number) if increments else number
         return bytes(out)
 
     def write(self, first: int, data: bytes, at_ns: int) -> None:
@@ -200,7 +204,7 @@ class EmulatedChip:
             register = self.memory.owner(number)
             if register is not None and register.writable:
                 self.written(register, at_ns)
-            number += increments
+            number = self.following(number) if increments else number
 
 
 class EmulatedBus:

@@ -107,10 +107,15 @@ class Channel(Declaration, ABC):
 
     def saturated(self, words: _Array) -> npt.NDArray[np.bool_]:
         """Return for each row of words whether a component stands at its limit, shape (n,)."""
-        counts = self.counts(words).reshape(-1, self.components)
+        counts = self.counts(words)
         low, high = self.word_limits
-        if counts.size == 0 or (counts.max() < high and counts.min() > low):
-            return np.zeros(len(counts), dtype=np.bool_)
+        inside = counts.size == 0 or (
+            np.maximum.reduce(counts, axis=None) < high
+            and np.minimum.reduce(counts, axis=None) > low
+        )
+        if inside:
+            return np.zeros(counts.size // self.components, dtype=np.bool_)
+        counts = counts.reshape(-1, self.components)
         return np.asarray(((counts <= low) | (counts >= high)).any(axis=1))
 
     @abstractmethod
@@ -202,9 +207,9 @@ class Vector(Channel):
 
     def _signed_factor(self, range_: Value | None, trim: Any) -> _Array:
         factor = self._signed_factors[range_]
-        if isinstance(trim, float) and trim == 1.0:
-            return factor
-        return np.asarray(factor * np.broadcast_to(trim, 3)[self._order])
+        if isinstance(trim, float):
+            return factor if trim == 1.0 else np.asarray(factor * trim)
+        return np.asarray(factor * np.asarray(trim)[self._order])
 
     def decode(self, words: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """
@@ -230,6 +235,47 @@ class Vector(Channel):
     def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """Return the size of one LSB in SI along x, y, z of the body frame, shape (3,)."""
         return np.abs(self._signed_factor(range_, trim))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Axis(Channel):
+    """
+    The one axis of a vector that a sensor measures; the others are NaN, shape (n, 3).
+
+    Parameters
+    ----------
+    axis : int
+        0 for x, 1 for y, 2 for z.
+    zero : int
+        Reading at zero: 0 for two's complement, half of full scale for offset binary.
+
+    Examples
+    --------
+    >>> out = Register(0x00, access='ro', size=2, reset=None)
+    >>> z = Axis(first=out, quantity='acceleration', unit='m/s²', dtype='>u2', si_per_lsb=0.1,
+    ...          limits=(0, 4095), zero=2048)
+    >>> z.decode(np.array([2058])).tolist()
+    [[nan, nan, 1.0]]
+    """
+
+    axis: int = 2
+    zero: int = 0
+
+    def decode(self, words: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return SI values, shape (n, 3), of words as they came over the wire, shape (n,)."""
+        si = np.full((len(words), 3), np.nan)
+        counts = self.counts(words).astype(np.float64) - self.zero
+        si[:, self.axis] = counts * (self.factor(range_)[0] * trim) + self.offset
+        return si
+
+    def encode(self, si: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return the words a chip sends for SI values (n, 3): quantised, saturated, (n,)."""
+        counts = (si[:, self.axis] - self.offset) / (self.factor(range_)[0] * trim)
+        return self._quantise(counts + self.zero)
+
+    def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return the size of one LSB in SI, shape (1,)."""
+        return np.asarray(self.factor(range_) * trim)
 
 
 class Frame(Declaration):

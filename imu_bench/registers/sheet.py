@@ -43,6 +43,8 @@ class Typical:
         One-sided, SI/√Hz; per axis (x, y, z) where they differ.
     bandwidth : float
         Hz, at the default settings.
+    high_pass : float
+        Hz; a sensor that does not show constant values.
     range, resolution : float
         At the default settings.
     bias, bias_per_kelvin : float
@@ -55,6 +57,7 @@ class Typical:
     source: str
     noise_density: float | tuple[float, float, float] | None = None
     bandwidth: float | None = None
+    high_pass: float | None = None
     range: float | None = None
     resolution: float | None = None
     bias: float | tuple[float, float, float] | None = None

@@ -23,6 +23,7 @@ class FakeChip:
         self.clock, self.depth, self.delay_s = clock, depth, delay_s
         self.rate_hz, self.poll_period_s = rate_hz, poll_s
         self.rates_hz = {}
+        self.paced = False
         self.period_ns = 1e9 / (rate_hz * (1 + rate_error))
         self.counters = Counter(bus_errors=0)
         self.continuity = 0

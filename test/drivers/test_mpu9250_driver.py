@@ -121,7 +121,7 @@ def test_the_fifo_never_fills_beyond_a_quarter_between_polls(settings, period):
 
 
 def test_a_polled_magnetometer_is_looked_at_more_often_than_it_measures():
-    assert driver(magnetometer=()).poll_period_s == pytest.approx(0.008)
+    assert driver(magnetometer=()).poll_period_s == pytest.approx(0.007)
     assert driver(magnetometer=()).rates_hz == {'magnetic_field': 100.0}
     assert driver(magnetometer_rate_hz=0.0).rates_hz == {}
 

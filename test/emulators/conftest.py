@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A chip's surroundings that hold still: every sample is the same."""
 
+from imu_bench.drivers import load
 from imu_bench.emulators import create
+from imu_bench.emulators.faults import wrap
+from imu_bench.errors import BusError, IdentityError
 from imu_bench.samples import Samples
 from imu_bench.simulation.clock import SimulatedClock
 import numpy as np
@@ -88,3 +91,76 @@ def start_fifo():
 def count():
     """Return what reads the level of the FIFO of an MPU-9250."""
     return lambda bus: int.from_bytes(bus.read(0x72, 2), 'big')
+
+
+class _Bench:
+    """A driver on an emulated bus with faults, and what came out of it."""
+
+    def __init__(self, clock, source, name, kind='i2c', faults=(), options=None, **settings):
+        self.clock = clock
+        self.source = source
+        driver = load(name)
+        self.buses = wrap(
+            create(name, kind, source, clock, **(options or {})), driver, clock, faults
+        )
+        self.driver = driver(self.buses, clock, settings)
+        self.errors = []
+        self.main, self.fields, self.temperatures = [], [], []
+        clock.sleep(0.05)
+
+    def bring_up(self):
+        self.driver.configure()
+        self.driver.start()
+        return self
+
+    def run(self, seconds):
+        end = due = self.clock.now_ns()
+        end += round(seconds * 1e9)
+        while due < end:
+            due += round(self.driver.poll_period_s * 1e9)
+            self.clock.sleep_until(due)
+            try:
+                for run in self.driver.read():
+                    self.keep(run)
+            except (BusError, IdentityError) as error:
+                self.errors.append(type(error))
+
+    def keep(self, run):
+        if run.acceleration is not None:
+            self.main.append(run)
+        if run.magnetic_field is not None:
+            self.fields.append(run)
+        if run.temperature is not None:
+            self.temperatures.append(run)
+
+    def inject(self, kind, *args):
+        for bus in self.buses.values():
+            bus.inject(kind, *args)
+
+    def clear(self):
+        for bus in self.buses.values():
+            bus.clear()
+
+    @property
+    def samples(self):
+        return sum(map(len, self.main))
+
+    @property
+    def values(self):
+        return np.concatenate([run.acceleration for run in self.main])
+
+
+@pytest.fixture
+def lsm_bench(clock, make_source):
+    """Return what makes a driver on an emulated bus with faults, not configured yet."""
+
+    def make(name, kind='i2c', faults=(), options=None, source=None, **settings):
+        return _Bench(clock, source or make_source(), name, kind, faults, options, **settings)
+
+    return make
+
+
+@pytest.fixture
+def lsm_running(lsm_bench):
+    """Return what makes a driver on an emulated bus whose stream runs."""
+    return lambda name, kind='i2c', **settings: lsm_bench(name, kind, **settings).bring_up()

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A die that samples at the rate of its registers and keeps the last samples in slots."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+
+from imu_bench.emulators.register_map import EmulatedChip, Source
+from imu_bench.emulators.slot_fifo import SlotFifo
+from imu_bench.registers import Register
+from imu_bench.samples import Samples
+import numpy as np
+
+IDLE_NS = 10_000_000_000
+"""Nobody asked for so long: the samples in between are skipped."""
+
+HOUSEKEEPING_HZ = 10.0
+"""A die that is off still sees its surroundings, for the other die of the chip."""
+
+
+class FifoChip(EmulatedChip, ABC):
+    """
+    What such dies have in common; a chip adds its registers, and is powered up when it is made.
+
+    Parameters
+    ----------
+    registers : iterable of Register
+    source : Source
+        Is told the rate the registers ask for, and samples at it times its own error.
+    fifo : SlotFifo
+    """
+
+    start_up_ns = 0
+    slot_numbers: tuple[int, ...]
+    """The registers through which a slot is read, in this order."""
+
+    def __init__(self, registers: Iterable[Register], source: Source, fifo: SlotFifo) -> None:
+        super().__init__(registers)
+        self.fifo = fifo
+        self._source = source
+        self._asked_hz = 0.0
+
+    # --- what a chip says about itself ---------------------------------------------------
+    @abstractmethod
+    def rate_hz(self) -> float:
+        """Return the rate its registers ask for, 0 for none."""
+
+    @abstractmethod
+    def fifo_mode(self) -> str:
+        """Return 'off', 'stops' when full, or 'overwrites'."""
+
+    @abstractmethod
+    def settle(self, rate_hz: float) -> None:
+        """Set up filters for a rate."""
+
+    @abstractmethod
+    def slots(self, samples: Samples) -> np.ndarray:
+        """Return the bytes of samples, shape (n, bytes of a slot), dtype uint8."""
+
+    @abstractmethod
+    def show(self, newest: bytes, samples: Samples) -> None:
+        """Put the newest slot, and what else is in the samples, into registers."""
+
+    def surroundings(self, samples: Samples) -> None:
+        """Take note of what the other die may ask for."""
+
+    # --- life ----------------------------------------------------------------------------
+    def power_up(self, at_ns: int) -> None:
+        """Begin at the reset values."""
+        self._now_ns = self._ready_ns = at_ns + self.start_up_ns
+        self.reset(self._ready_ns)
+
+    def reset(self, at_ns: int) -> None:
+        """Return to the reset values without a break."""
+        self.memory.reset()
+        self.fifo.clear()
+        self._asked_hz = 0.0
+        self.change_rate(at_ns)
+
+    def answers(self, at_ns: int) -> bool:
+        """Return whether start-up is over."""
+        return at_ns >= self._ready_ns
+
+    def change_rate(self, at_ns: int) -> None:
+        """Sample at the rate the registers ask for."""
+        rate = self.rate_hz()
+        asked = rate or HOUSEKEEPING_HZ
+        if asked != self._asked_hz:
+            self._asked_hz = asked
+            self._source.restart(at_ns, asked)
+        if rate:
+            self.settle(rate)
+
+    def advance(self, to_ns: int) -> None:
+        """Take every sample that is due."""
+        if to_ns <= self._now_ns:
+            return
+        if to_ns - self._now_ns > IDLE_NS:
+            self._source.restart(to_ns - IDLE_NS // 10)
+        self._now_ns = to_ns
+        samples = self._source.samples_until(to_ns)
+        if not len(samples):
+            return
+        self.surroundings(samples)
+        if not self.rate_hz():
+            return
+        slots = self.slots(samples)
+        mode = self.fifo_mode()
+        if mode != 'off':
+            self.fifo.push([row.tobytes() for row in slots], stops_when_full=mode == 'stops')
+        self.show(slots[-1].tobytes(), samples)
+
+    # --- the wire ------------------------------------------------------------------------
+    def read(self, first: int, length: int, at_ns: int, byte_ns: float) -> bytes:
+        """Return registers, or slots where those are read while the FIFO runs."""
+        number, increments = self.decode_address(first)
+        if not (increments and number in self.slot_numbers) or self.fifo_mode() == 'off':
+            return super().read(first, length, at_ns, byte_ns)
+        size = len(self.slot_numbers)
+        end_ns = at_ns + length * byte_ns
+        due = (end_ns - self._now_ns) * 1e-9 * self._asked_hz * 1.1 + 2
+        whole = number == self.slot_numbers[0] and length % size == 0
+        if whole and length // size <= len(self.fifo) <= self.fifo.depth - due:
+            return self.fifo.take(length // size)
+        return self._read_slots(self.slot_numbers.index(number), length, at_ns, byte_ns)
+
+    def _read_slots(self, place: int, length: int, at_ns: int, byte_ns: float) -> bytes:
+        """Read byte by byte where it may run over or dry meanwhile."""
+        size = len(self.slot_numbers)
+        out = bytearray()
+        while len(out) < length:
+            self.advance(at_ns + round(len(out) * byte_ns))
+            front = self.fifo.front or bytes(size)
+            part = front[place : place + length - len(out)]
+            out += part
+            place += len(part)
+            if place == size:
+                self.fifo.drop()
+                place = 0
+        return bytes(out)

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The LSM9DS1 seen from the wire: DocID025715 rev. 2 (DS).
+
+Where DS is silent this is assumed: a FIFO slot is taken out when its last byte, 2Dh, is read;
+a reset is over at once; after power-up the chip answers within 10 ms.
+"""
+
+from __future__ import annotations
+
+from imu_bench.bus.interface import Clock
+from imu_bench.drivers.driver import Driver
+from imu_bench.drivers.lsm9ds1 import LOW_PASS_2, Lsm9ds1, MAG, SLOTS, TURN_ON
+from imu_bench.emulators.fifo_chip import FifoChip
+from imu_bench.emulators.line import Line
+from imu_bench.emulators.low_pass import LowPass
+from imu_bench.emulators.output_registers import OutputRegisters
+from imu_bench.emulators.register_map import EmulatedBus, Source
+from imu_bench.emulators.second_die import SecondDie, Surroundings
+from imu_bench.emulators.slot_fifo import SlotFifo
+from imu_bench.registers import Frame, Register
+from imu_bench.samples import Samples
+import numpy as np
+
+L = Lsm9ds1
+START_UP_NS = 10_000_000
+TEMPERATURE_NS = round(1e9 / 59.5)  # DS, temperature sensor characteristics
+LOW_PASS_1 = {14.9: 5.0, 59.5: 19.0, 119.0: 38.0, 238.0: 76.0, 476.0: 100.0, 952.0: 100.0}
+# DS section 3.1: the anti-alias filter that goes with a rate; the two lowest are not given
+AUTOMATIC = {952.0: 408.0, 476.0: 211.0, 238.0: 105.0, 119.0: 50.0}
+_SLOT = Frame(L.angular_velocity, L.acceleration)
+_GYROSCOPE = tuple(range(0x18, 0x1E))
+_ACCELEROMETER = tuple(range(0x28, 0x2E))
+_RATE_REGISTERS = (L.CTRL_REG1_G, L.CTRL_REG2_G, L.CTRL_REG6_XL)
+_FIFO_REGISTERS = (L.FIFO_CTRL, L.CTRL_REG9)
+_MODES = {'bypass': 'off', 'fifo': 'stops', 'bypass to continuous': 'off'}
+
+
+class InertialDie(FifoChip):
+    """Accelerometer, gyroscope, thermometer and FIFO."""
+
+    start_up_ns = START_UP_NS
+
+    def __init__(self, source: Source, start_ns: int, *, repeats: bool = False) -> None:
+        registers = [r for r in L.declared(Register).values() if r.part == '']
+        super().__init__(registers, source, SlotFifo(SLOTS, repeats=repeats))
+        self.field = Surroundings(3)
+        self._force = OutputRegisters(self.memory, L.OUT_XL)
+        self._rotation = OutputRegisters(self.memory, L.OUT_G)
+        self._warmth = OutputRegisters(self.memory, L.OUT_TEMP)
+        self._outputs = (self._force, self._rotation, self._warmth)
+        self.power_up(start_ns)
+
+    def reset(self, at_ns: int) -> None:
+        """Return to the reset values."""
+        for output in self._outputs:
+            output.clear()
+        self._warmth_due_ns = at_ns
+        super().reset(at_ns)
+        self._choose()
+
+    def rate_hz(self) -> float:
+        """Return the gyroscope's rate, which both have, or the accelerometer's alone."""
+        both = float(self.memory.value(L.sample_rate))
+        return both or float(self.memory.value(L.accelerometer_rate))
+
+    def fifo_mode(self) -> str:
+        """Return what FIFO_EN and FMODE ask for; no interrupt ever comes."""
+        return self._mode
+
+    def settle(self, rate_hz: float) -> None:
+        """Set up the filters; the first samples after that are not settled."""
+        memory = self.memory
+        by_hand = memory.code(L.bandwidth_by_hand) or rate_hz not in AUTOMATIC
+        bandwidth = float(memory.value(L.accelerometer_bandwidth))
+        self._force_filter = LowPass(bandwidth if by_hand else AUTOMATIC[rate_hz], rate_hz)
+        cut_off = LOW_PASS_1.get(rate_hz, 0.0)
+        if memory.value(L.gyroscope_output) == 'low-pass 2' and LOW_PASS_2.get(rate_hz):
+            cut_off = min(cut_off, LOW_PASS_2[rate_hz][memory.code(L.gyroscope_low_pass)])
+        self._rotation_filter = LowPass(cut_off or rate_hz, rate_hz)
+        self._unsettled = self._settling = TURN_ON.get(rate_hz, 1)
+
+    def surroundings(self, samples: Samples) -> None:
+        """Keep the field for the other die, and the temperature."""
+        if samples.magnetic_field is not None:
+            self.field.add(samples.stamps, samples.magnetic_field)
+        last = int(samples.stamps[-1])
+        if samples.temperature is not None and last >= self._warmth_due_ns and self.rate_hz():
+            self._warmth_due_ns = max(self._warmth_due_ns + TEMPERATURE_NS, last)
+            self._warmth.show(
+                self.memory.quantise(L.temperature, samples.temperature[-1:]).tobytes()
+            )
+
+    def slots(self, samples: Samples) -> np.ndarray:
+        """Return gyroscope, then accelerometer, of each sample."""
+        n = len(samples)
+        rotation = _or_zero(samples.angular_velocity, n)
+        if not self.memory.code(L.sample_rate):
+            rotation = np.zeros((n, 3))
+        force = self._force_filter.filter(_or_zero(samples.acceleration, n))
+        rotation = self._rotation_filter.filter(rotation)
+        if self._unsettled:
+            risen = np.arange(n) + self._settling - self._unsettled
+            gain = np.minimum(risen / self._settling, 1.0)[:, np.newaxis]
+            force, rotation = force * gain, rotation * gain
+            self._unsettled = max(self._unsettled - n, 0)
+        words = {
+            L.acceleration.quantity: self.memory.quantise(L.acceleration, force),
+            L.angular_velocity.quantity: self.memory.quantise(L.angular_velocity, rotation),
+        }
+        packed = np.frombuffer(_SLOT.pack(words, n), dtype=np.uint8).reshape(n, _SLOT.size)
+        return packed[:, -len(self.slot_numbers) :]
+
+    def show(self, newest: bytes, samples: Samples) -> None:
+        """Put the newest sample into the output registers."""
+        self._force.show(newest[-6:])
+        if len(newest) > 6:
+            self._rotation.show(newest[:6])
+
+    # --- registers -----------------------------------------------------------------------
+    def decode_address(self, first: int) -> tuple[int, bool]:
+        """Increment if CTRL_REG8 says so."""
+        return first, bool(self.memory.code(L.increment))
+
+    def following(self, number: int) -> int:
+        """Jump from one output to the other and back: DS section 3.3."""
+        if number in (0x1D, 0x2D):
+            place = self.slot_numbers.index(number) if number in self.slot_numbers else -1
+            return self.slot_numbers[(place + 1) % len(self.slot_numbers)]
+        return number + 1
+
+    def reading(self, number: int, at_ns: int) -> None:
+        """Make flags and level of what they stand for."""
+        if number in (L.STATUS_REG.address, L.STATUS_REG_27.address):
+            status = sum(int(out.waiting > 0) << bit for bit, out in enumerate(self._outputs))
+            self.memory.set(L.STATUS_REG, status)
+            self.memory.set(L.STATUS_REG_27, status)
+        elif number == L.FIFO_SRC.address:
+            level, threshold = len(self.fifo), self.memory.code(L.fifo_threshold)
+            reached = 0 < threshold <= level
+            self.memory.set(L.FIFO_SRC, reached << 7 | self.fifo.overrun << 6 | level)
+
+    def was_read(self, number: int, at_ns: int) -> None:
+        """Clear flags; hold words that were read half."""
+        block_update = bool(self.memory.code(L.block_update))
+        for output in self._outputs:
+            output.was_read(number, block_update)
+
+    def written(self, register: Register, at_ns: int) -> None:
+        """Do what a written bit asks for."""
+        memory = self.memory
+        if register is L.CTRL_REG8:
+            if memory.code(L.software_reset):
+                self.reset(at_ns)
+            memory.put(L.boot, 0)
+        elif register in _RATE_REGISTERS:
+            self.change_rate(at_ns)
+            self._choose()
+        elif register in _FIFO_REGISTERS:
+            self._choose()
+
+    def _choose(self) -> None:
+        """Set up slots and FIFO."""
+        memory = self.memory
+        both = memory.code(L.sample_rate)
+        self.slot_numbers = _GYROSCOPE + _ACCELEROMETER if both else _ACCELEROMETER
+        stops = memory.code(L.fifo_stops_at_threshold)
+        self.fifo.depth = memory.code(L.fifo_threshold) + 1 if stops else SLOTS
+        asked = str(memory.value(L.fifo_mode))
+        self._mode = _MODES.get(asked, 'overwrites') if memory.code(L.fifo_enable) else 'off'
+        if asked == 'bypass':
+            self.fifo.clear()
+
+
+class MagneticDie(SecondDie):
+    """The magnetometer."""
+
+    def __init__(self, inertial: InertialDie, start_ns: int, rate_error: float = 0.0) -> None:
+        registers = [r for r in L.declared(Register).values() if r.part == MAG]
+        super().__init__(registers, inertial.advance, rate_error)
+        self._inertial = inertial
+        self._output = OutputRegisters(self.memory, L.OUT_M)
+        self.power_up(start_ns)
+
+    def power_up(self, at_ns: int) -> None:
+        """Begin at the reset values."""
+        super().power_up(at_ns)
+        self._output.clear()
+
+    def answers(self, at_ns: int) -> bool:
+        """Return whether start-up is over; the supply is the same."""
+        return self._inertial.answers(at_ns)
+
+    def rate_hz(self) -> float:
+        """Return the rate in continuous mode."""
+        running = self.memory.value(L.magnetometer_mode) == 'continuous'
+        return float(self.memory.value(L.magnetometer_rate)) if running else 0.0
+
+    def measure(self, at_ns: int) -> None:
+        """Take a sample."""
+        field = self._inertial.field.until(at_ns)[np.newaxis]
+        self._output.show(self.memory.quantise(L.magnetic_field, field).tobytes())
+
+    def decode_address(self, first: int) -> tuple[int, bool]:
+        """Increment with bit 7 on I²C, with bit 6 on SPI: DS section 5."""
+        return first & 0x3F, bool(first & 0xC0)
+
+    def reading(self, number: int, at_ns: int) -> None:
+        """Make the status of what it stands for."""
+        if number == L.STATUS_REG_M.address:
+            self.memory.set(L.STATUS_REG_M, self._output.status)
+
+    def was_read(self, number: int, at_ns: int) -> None:
+        """Clear flags; hold words that were read half."""
+        self._output.was_read(number, bool(self.memory.code(L.magnetometer_block_update)))
+
+    def written(self, register: Register, at_ns: int) -> None:
+        """Do what a written bit asks for."""
+        if register is L.CTRL_REG2_M and self.memory.code(L.magnetometer_reset):
+            self.power_up(at_ns)
+        elif register in (L.CTRL_REG1_M, L.CTRL_REG3_M):
+            self.change_rate(at_ns)
+
+
+def _or_zero(values: np.ndarray | None, n: int) -> np.ndarray:
+    return np.zeros((n, 3)) if values is None else values
+
+
+def create(
+    driver: type[Driver],
+    kind: str,
+    name: str,
+    source: Source,
+    clock: Clock,
+    line: Line,
+    *,
+    magnetometer_rate_error: float = 0.0,
+    repeats: bool = False,
+) -> dict[str, EmulatedBus]:
+    """
+    Return the buses of both dies.
+
+    Parameters
+    ----------
+    magnetometer_rate_error : float
+        Relative error of the magnetometer's oscillator.
+    repeats : bool
+        The FIFO gives its last slot again after it was emptied, as relatives do.
+    """
+    inertial = InertialDie(source, clock.now_ns(), repeats=repeats)
+    magnetic = MagneticDie(inertial, clock.now_ns(), magnetometer_rate_error)
+    increment = L.wiring[MAG].i2c_increment if kind == 'i2c' else L.wiring[MAG].spi_increment
+    return {
+        '': EmulatedBus(name, line, inertial, acknowledges=kind == 'i2c'),
+        MAG: EmulatedBus(f'{name} {MAG}', line, magnetic, increment, acknowledges=kind == 'i2c'),
+    }

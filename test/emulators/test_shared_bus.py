@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Two fast sensors on one I²C line of 400 kHz, as on the Raspberry Pi of Shabulinzenze 2020.
+
+There MPU-9250 at 1000 Hz and LSM303DLHC at 1344 Hz gave 740 and 1260 Hz (table 5.2).  Here
+bytes take their time and only one of them is on the wire at a time, and nothing is lost.
+"""
+
+import heapq
+
+from imu_bench.acquisition import Acquisition
+from imu_bench.drivers import load
+from imu_bench.emulators import create
+from imu_bench.emulators.line import Line, Timing
+from imu_bench.samples import Samples
+from imu_bench.simulation.clock import SimulatedClock
+import numpy as np
+import pytest
+
+SECOND = 1_000_000_000
+SECONDS = 60
+STEP = 0.3  # m/s² per sample number: 2.5 LSB of 12 mg
+STEPS = 256
+
+
+class Numbered:
+    """A source that puts the number of the sample, modulo STEPS, on z, and knows its times."""
+
+    def __init__(self, clock, rate_error):
+        self.rate_error = rate_error
+        self.restart(clock.now_ns(), 1000.0)
+
+    def restart(self, t_ns, nominal_hz=None):
+        self.nominal_hz = nominal_hz or getattr(self, 'nominal_hz', 1000.0)
+        self.period_ns = 1e9 / (self.nominal_hz * (1 + self.rate_error))
+        self.anchor_ns, self.made = t_ns, 0
+
+    def samples_until(self, t_ns):
+        due = max(int((t_ns - self.anchor_ns) / self.period_ns), self.made)
+        k = np.arange(self.made + 1, due + 1)
+        self.made = due
+        force = np.zeros((len(k), 3))
+        force[:, 2] = (k % STEPS - STEPS / 2) * STEP
+        return Samples(
+            self.true_ns(k).astype(np.int64),
+            force,
+            np.zeros((len(k), 3)),
+            np.full((len(k), 3), 2e-5),
+            np.full(len(k), 25.0),
+        )
+
+    def true_ns(self, k):
+        return self.anchor_ns + np.rint(np.asarray(k) * self.period_ns)
+
+
+class Sensor:
+    """A sensor on the common line, and the numbers and stamps that came out of it."""
+
+    def __init__(self, clock, line, name, rate_error, **settings):
+        self.source = Numbered(clock, rate_error)
+        buses = create(name, 'i2c', self.source, clock, line=line)
+        self.unfilter(buses[''].chip)
+        clock.sleep(0.05)
+        driver = load(name)(buses, clock, settings)
+        self.poll_ns = round(driver.poll_period_s * SECOND)
+        self.acquisition = Acquisition(driver, clock, name=name)
+        self.numbers, self.stamps, self.fields = [], [], 0
+        self.before = {}
+
+    @staticmethod
+    def unfilter(chip):
+        """Let numbers pass the low-pass."""
+        change = chip.change_rate if hasattr(chip, 'change_rate') else chip._change_rate
+
+        def changed(at_ns):
+            change(at_ns)
+            for name in ('_filter', '_force_filter', '_acceleration'):
+                if hasattr(chip, name):
+                    getattr(chip, name)._taps = None
+
+        setattr(chip, change.__name__, changed)
+        changed(chip._now_ns)
+
+    def keep(self):
+        for run in self.acquisition.drain():
+            if run.acceleration is None:
+                self.fields += len(run)
+                continue
+            z = run.acceleration[:, 2]
+            self.numbers.append(np.rint(z / STEP + STEPS / 2).astype(int))
+            self.stamps.append(run.stamps)
+
+
+def run_together(clock, sensors, seconds):
+    """Do what is due, whoever's turn it is, as threads of their own would."""
+    for sensor in sensors:
+        sensor.acquisition.prepare()
+    now = clock.now_ns()
+    due = []
+    for i, sensor in enumerate(sensors):
+        sensor.acquisition.advance(now)
+        due.append((clock.now_ns() + sensor.poll_ns, i))
+    while due[0][0] < now + seconds * SECOND:
+        at, i = heapq.heappop(due)
+        clock.sleep_until(at)
+        heapq.heappush(due, (sensors[i].acquisition.step(), i))
+        sensors[i].keep()
+        if sensors[i].fields and not sensors[i].before:
+            sensors[i].before = sensors[i].acquisition.stats.counters
+    for sensor in sensors:
+        sensor.acquisition.finish()
+        sensor.keep()
+
+
+@pytest.fixture(scope='module')
+def sensors():
+    clock = SimulatedClock()
+    line = Line(clock, Timing.i2c(400e3))
+    made = [
+        Sensor(clock, line, 'mpu9250', 0.004),
+        Sensor(clock, line, 'lsm303dlhc', 0.02),
+    ]
+    run_together(clock, made, SECONDS)
+    return made
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('place', 'rate'), [(0, 1000 * 1.004), (1, 1344 * 1.02)])
+def test_no_sample_is_lost_or_doubled(sensors, place, rate):
+    sensor = sensors[place]
+    numbers = np.concatenate(sensor.numbers)
+    assert set(np.diff(numbers) % STEPS) == {1}
+    assert len(numbers) == pytest.approx(rate * SECONDS, abs=50)
+    stats = sensor.acquisition.stats
+    assert (stats.lost, stats.failures, stats.bus_errors) == (0, 0, 0)
+    # a field overwritten between configuration and start is none of the stream
+    grown = {name: n - sensor.before[name] for name, n in stats.counters.items()}
+    assert not any(grown.values()), grown
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('place', 'rate'), [(0, 100), (1, 75)])
+def test_the_magnetometers_get_their_turn(sensors, place, rate):
+    assert sensors[place].fields == pytest.approx(rate * SECONDS, abs=3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('place', [0, 1])
+def test_stamps_are_the_times_of_measurement(sensors, place):
+    sensor = sensors[place]
+    numbers = np.concatenate(sensor.numbers)
+    stamps = np.concatenate(sensor.stamps)
+    made = sensor.source.made - np.arange(len(numbers))[::-1]
+    made -= (made[-1] - numbers[-1]) % STEPS
+    errors = stamps - sensor.source.true_ns(made)
+    settled = errors[len(errors) // 2 :]
+    assert np.abs(settled).max() < 0.5 * sensor.source.period_ns
+    assert np.diff(stamps).std() < 20e3
+    assert (np.diff(stamps) > 0).all()
+
+
+@pytest.mark.parametrize('name', ['lsm303dlhc', 'lsm9ds1'])
+@pytest.mark.parametrize('away_s', [0.012, 0.02, 0.023, 0.03, 0.035, 0.1])
+def test_what_an_overrun_lost_is_counted_and_a_gap_in_the_stamps(name, away_s):
+    clock = SimulatedClock()
+    sensor = Sensor(clock, Line(clock, Timing.i2c(400e3)), name, -0.012)
+    acquisition = sensor.acquisition
+    for _ in range(24):
+        acquisition.advance(clock.now_ns() + SECOND // 2)
+        sensor.keep()
+    clock.sleep(away_s)
+    for _ in range(8):
+        acquisition.advance(clock.now_ns() + SECOND // 2)
+        sensor.keep()
+    numbers = np.concatenate(sensor.numbers)
+    stamps = np.concatenate(sensor.stamps)
+    missing = (np.diff(numbers) - 1) % STEPS
+    assert acquisition.stats.lost == missing.sum()
+    assert missing.any() or away_s < 0.034
+    assert not missing.any() or away_s > 0.017
+    gaps = np.diff(stamps) / sensor.source.period_ns
+    np.testing.assert_allclose(gaps, missing + 1, atol=0.1)
