@@ -11,7 +11,6 @@ the publishing period, so that no burst of them delays the taking of messages.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-import gc
 import time
 from typing import Any
 
@@ -141,9 +140,6 @@ class AnalysisNode(Node):
             self.create_timer(SEARCH_S, self._search)
         self.create_timer(TICK_S, self._tick)
         self._diagnostics = Diagnostics(self, self._statuses)
-        # what exists now stays: the collector need not walk through it again and again
-        gc.collect()
-        gc.freeze()
 
     def _search(self) -> None:
         for topic in discovery.find(self, discovery.IMU_TYPE, discovery.IMU_TOPIC):
