@@ -55,6 +55,7 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
         'figures': ['matplotlib>=3.8'],
         'cluster': ['distributed>=2024.1'],
+        'daqhats': ['daqhats>=1.4'],  # MCC 172; its C library comes from the maker
         'test': [
             'pytest>=7.4',
             'pytest-timeout>=2.2',

@@ -16,7 +16,7 @@ from imu_bench import config, drivers
 from imu_bench.acquisition import Acquisition, Device
 from imu_bench.bus.clock import SystemClock
 from imu_bench.bus.interface import Clock
-from imu_bench.bus.opening import kind_of, open_bus
+from imu_bench.bus.opening import kind_among, open_bus
 from imu_bench.config import BenchConfig, SensorConfig
 from imu_bench.config.schema import Checkable
 from imu_bench.drivers.driver import Driver
@@ -226,7 +226,7 @@ def _emulated(sensor: SensorConfig, clock: Clock) -> Device:
         return generic.GenericSensor(source, clock, sensor.settings)
     driver = drivers.load(sensor.driver)
     kinds = driver.bus_kinds
-    kind = sensor.bus if sensor.bus in ('', *kinds) else kind_of(sensor.bus)
+    kind = sensor.bus if sensor.bus in ('', *kinds) else kind_among(sensor.bus, kinds)
     # the emulated chip restarts the source at the rate its registers ask for
     source = sensor_source(sensor, driver.typical, 1.0, clock.now_ns(), on_wire=True)
     buses = emulators.create(sensor.driver, kind or kinds[0], source, clock)

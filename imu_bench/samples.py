@@ -51,6 +51,9 @@ class Samples:
         In degrees Celsius.
     inclination : ndarray of float64, shape (n, 3), or None
         Angle of each axis above the horizontal plane in rad, as an inclinometer computes it.
+    orientation : ndarray of float64, shape (n, 4), or None
+        Quaternion x, y, z, w that turns vectors of the sensor's frame into the world's, as a
+        sensor with fusion of its own computes it (order of geometry_msgs/Quaternion).
 
     Examples
     --------
@@ -67,6 +70,7 @@ class Samples:
     magnetic_field: npt.NDArray[np.float64] | None = None
     temperature: npt.NDArray[np.float64] | None = None
     inclination: npt.NDArray[np.float64] | None = None
+    orientation: npt.NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         stamps = _frozen(np.asarray(self.stamps, dtype=np.int64))
@@ -76,6 +80,7 @@ class Samples:
         for name in _VECTORS:
             self._accept(name, (stamps.size, 3))
         self._accept('temperature', (stamps.size,))
+        self._accept('orientation', (stamps.size, 4))
 
     def _accept(self, name: str, shape: tuple[int, ...]) -> None:
         given = getattr(self, name)

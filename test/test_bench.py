@@ -184,3 +184,18 @@ def test_an_emulated_chip_is_on_the_bus_the_file_names(bus, kind):
 
 def test_the_label_says_what_stands_behind_a_sensor():
     assert bench.label(generic()) == 'emulated generic'
+
+
+@pytest.mark.parametrize(
+    ('driver', 'bus'),
+    [('scl3300', 'spidev0.0'), ('mtn1100', 'daqhat-0'), ('mtn1100', 'i2c-1'), ('mpu9250', 'spi')],
+)
+def test_an_emulated_sensor_may_keep_the_bus_of_the_real_one(driver, bus):
+    own = {'mtn1100': {'converter': 'by bus', 'rate_hz': 0.0}}
+    sensor = bench.load_sensor(
+        ROOT / 'config' / 'sensors' / f'{driver}.yaml',
+        overrides={'bus': bus} | own.get(driver, {}),
+    )
+    _, stats = run(sensor, 3)
+    assert stats.samples > 300
+    assert stats.error == ''

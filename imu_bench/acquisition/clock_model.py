@@ -146,6 +146,11 @@ class ClockModel:
         if enough or span_s >= SETTLE_MOST_S:
             self.settle()
 
+    def skip(self, n: int) -> None:
+        """Take note that the chip counted `n` samples that never arrived; the next one did."""
+        self._count += n
+        self.missing += n
+
     def interrupt(self) -> None:
         """Take note that samples were lost since the last reading; how many is found out."""
         self.settle()
@@ -169,12 +174,13 @@ class ClockModel:
                 kept[point[0]] = point
         self._points = deque(kept.values())
 
-    def stamps(self, n: int) -> npt.NDArray[np.int64]:
+    def stamps(self, n: int, skipped: int = 0) -> npt.NDArray[np.int64]:
         """
         Return the times of the next `n` samples in ns, later than all given before.
 
         The stamps run from the last one given straight to where the line now
         puts the newest, as far as `SLEW` lets them: a correction never makes a step.
+        Before them is the gap of those that were `skipped`.
 
         Raises
         ------
@@ -183,8 +189,9 @@ class ClockModel:
         """
         if self.settling or self._origin_ns is None:
             raise NotReady('the clock model is settling; call settle() to give stamps already')
+        self._given += skipped
         target, start = self._line(self._given + n), self._last
-        if self._after_gap:
+        if self._after_gap or skipped:
             start, self._after_gap = max(start, self._line(self._given)), False
         self._given += n
         slew = SLEW * self._period

@@ -33,12 +33,20 @@ class CountedStream:
     def __init__(self, nominal_hz: float) -> None:
         self.model = ClockModel(nominal_hz)
         self.meter = IntervalMeter(nominal_hz)
-        self._held: list[Samples] = []
+        # runs that wait, each with how many samples are missing before it
+        self._held: list[tuple[int, Samples]] = []
+        self._skipped = 0
+
+    def skip(self, n: int) -> None:
+        """Take note of samples that the chip counted and that never arrived."""
+        self.model.skip(n)
+        self._skipped += n
 
     def push(self, run: Samples) -> list[Samples]:
         """Take a run that was just read; return the runs whose stamps are settled."""
         if len(run):
-            self._held.append(run)
+            self._held.append((self._skipped, run))
+            self._skipped = 0
             self.model.observe(len(run), int(run.stamps[-1]))
         return [] if self.model.settling else self._release()
 
@@ -55,7 +63,7 @@ class CountedStream:
 
     def _release(self) -> list[Samples]:
         held, self._held = self._held, []
-        stamped = [run.restamped(self.model.stamps(len(run))) for run in held]
+        stamped = [run.restamped(self.model.stamps(len(run), gap)) for gap, run in held]
         for run in stamped:
             self.meter.add(run.stamps)
         return stamped
@@ -115,6 +123,10 @@ class PacedStream:
     def __init__(self, nominal_hz: float) -> None:
         self.model = Pace(nominal_hz)
         self.meter = IntervalMeter(nominal_hz)
+
+    def skip(self, n: int) -> None:
+        """Take note of samples that the driver knows to be lost."""
+        self.model.missing += n
 
     def push(self, run: Samples) -> list[Samples]:
         """Take a run that was just read; return it."""

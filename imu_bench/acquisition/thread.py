@@ -42,6 +42,7 @@ class Device(Protocol):
 
     counters: Counter[str]
     continuity: int
+    skipped: Mapping[int, int]
 
     @property
     def rate_hz(self) -> float: ...
@@ -292,7 +293,9 @@ class Acquisition:
             if self._driver.continuity != self._continuity:
                 self._continuity = self._driver.continuity
                 self._enqueue(self._main.interrupt())
-            for run in runs:
+            for place, run in enumerate(runs):
+                if place in self._driver.skipped:
+                    self._main.skip(self._driver.skipped[place])
                 self._enqueue(self._stream(run).push(run))
             waiting = self._queued > 0
         if waiting and self.on_data is not None:

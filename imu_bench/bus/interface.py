@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a driver may ask of the outside world: three kinds of wire, and a clock."""
+"""What a driver may ask of the outside world: three kinds of wire, a board, and a clock."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
 
 
 class Clock(Protocol):
@@ -55,10 +58,13 @@ class FrameBus(Protocol):
         ...
 
 
+@runtime_checkable
 class ByteStream(Protocol):
-    """A serial line."""
+    """A serial line; it may fail and come back while it is open."""
 
     name: str
+    baud: int
+    """Speed in bit/s; may be set.  Of no meaning on USB."""
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has arrived, waiting up to `timeout_s` for the first byte."""
@@ -66,6 +72,57 @@ class ByteStream(Protocol):
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
+        ...
+
+    def close(self) -> None:
+        """Release the device."""
+        ...
+
+
+class Scan(NamedTuple):
+    """What a board has converted since it was asked last: codes, shape (n,), and its flags."""
+
+    codes: npt.NDArray[np.float64]
+    running: bool = True
+    hardware_overrun: bool = False
+    buffer_overrun: bool = False
+
+
+class DaqBoard(Protocol):
+    """A board that converts voltages at its own pace into a buffer: the MCC 172."""
+
+    name: str
+
+    def identity(self) -> str:
+        """Return product, serial number and firmware."""
+        ...
+
+    def set_supply(self, channel: int, on: bool) -> None:
+        """Switch the constant current (IEPE) that feeds a sensor."""
+        ...
+
+    def supply(self, channel: int) -> bool:
+        """Return whether a sensor is fed."""
+        ...
+
+    def set_rate(self, rate_hz: float) -> None:
+        """Set the rate of all channels; the converters begin to synchronise."""
+        ...
+
+    def clock(self) -> tuple[float, bool]:
+        """Return the rate that is set, and whether the converters are synchronised."""
+        ...
+
+    def start(self, channel: int) -> None:
+        """Convert one channel until stopped."""
+        ...
+
+    def scan(self) -> Scan:
+        """Return what has been converted since the last call; does not wait."""
+        ...
+
+    def stop(self) -> None:
+        """Stop converting and let go of the buffer; harmless when nothing runs."""
         ...
 
     def close(self) -> None:

@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 
+from imu_bench.bus.daqhat import DaqHat
 from imu_bench.bus.i2c import I2cBus
-from imu_bench.bus.interface import ByteStream, FrameBus, RegisterBus
+from imu_bench.bus.interface import ByteStream, DaqBoard, FrameBus, RegisterBus
 from imu_bench.bus.serial_port import SerialPort
 from imu_bench.bus.spi import SpiFrameBus, SpiRegisterBus
 from imu_bench.bus.wiring import Wiring
@@ -16,7 +17,7 @@ from imu_bench.errors import ConfigError
 
 def kind_of(device: str) -> str:
     """
-    Return 'i2c', 'spi' or 'serial' for the name of a device.
+    Return 'i2c', 'spi', 'serial' or 'daqhat' for the name of a device.
 
     Raises
     ------
@@ -33,19 +34,34 @@ def kind_of(device: str) -> str:
         ('i2c', ('i2c-',)),
         ('spi', ('spidev',)),
         ('serial', ('tty', 'serial', 'pts')),
+        ('daqhat', ('daqhat-',)),
     ):
         if stem.startswith(prefixes):
             return kind
     if PurePosixPath(device).parent.name in ('pts', 'by-id', 'by-path'):
         return 'serial'
     raise ConfigError(
-        f'bus {device!r} is not known; write it like /dev/i2c-1, /dev/spidev0.0 or /dev/ttyUSB0'
+        f'bus {device!r} is not known; write it like /dev/i2c-1, /dev/spidev0.0, /dev/ttyUSB0 '
+        'or daqhat-0'
     )
+
+
+def kind_among(device: str, kinds: tuple[str, ...]) -> str:
+    """
+    Return what a device is to a sensor that can talk `kinds`: SPI may carry its frames.
+
+    Examples
+    --------
+    >>> kind_among('spidev0.0', ('frame',)), kind_among('spidev0.0', ('i2c', 'spi'))
+    ('frame', 'spi')
+    """
+    kind = kind_of(device)
+    return 'frame' if kind == 'spi' and 'frame' in kinds else kind
 
 
 def open_bus(
     device: str, wiring: Mapping[str, Wiring], kinds: tuple[str, ...], address: int | None = None
-) -> dict[str, RegisterBus | FrameBus | ByteStream]:
+) -> dict[str, RegisterBus | FrameBus | ByteStream | DaqBoard]:
     """
     Open the bus of every die of a sensor.
 
@@ -53,11 +69,13 @@ def open_bus(
     ----------
     device : str
         Path or its last part: 'i2c-1', '/dev/spidev0.0'.  A second die on SPI has the next
-        chip select of the same bus.
+        chip select of the same bus.  A board of the MCC DAQ HAT family is 'daqhat-' and its
+        address.
     wiring : mapping of part name to Wiring
         As the driver declares it; the main die is ''.
     kinds : tuple of str
-        What the driver can talk: 'i2c', 'spi' (registers), 'frame' (SPI frames), 'serial'.
+        What the driver can talk: 'i2c', 'spi' (registers), 'frame' (SPI frames), 'serial',
+        'daqhat'.
     address : int, optional
         I²C address of the main die, where it is not the usual one.  Another die follows it:
         it takes the address at the same place of its own list.
@@ -69,14 +87,14 @@ def open_bus(
     BusError
         If a device cannot be opened; those already open are closed again.
     """
-    kind = kind_of(device)
-    if kind == 'spi' and 'frame' in kinds:
-        kind = 'frame'
+    kind = kind_among(device, kinds)
     if kind not in kinds:
         raise ConfigError(f'bus {device!r} is {kind}; this sensor can do {", ".join(kinds)}')
+    if kind == 'daqhat':
+        return {'': DaqHat(device)}
     path = device if device.startswith('/') else f'/dev/{device}'
     strap = _strap(wiring[''], address) if kind == 'i2c' else 0
-    buses: dict[str, RegisterBus | FrameBus | ByteStream] = {}
+    buses: dict[str, RegisterBus | FrameBus | ByteStream | DaqBoard] = {}
     try:
         for part, wires in wiring.items():
             if _reachable(kind, wires):

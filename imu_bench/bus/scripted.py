@@ -110,6 +110,8 @@ class ScriptedStream(_Script):
     (b'OK', b'')
     """
 
+    baud = 115200
+
     def __init__(self, steps: Iterable[tuple[object, Answer]], arriving: bytes = b'') -> None:
         super().__init__(steps)
         self._arrived = arriving

@@ -85,6 +85,9 @@ class Driver(RegisterMap, ABC):
     continuity : int
         Increases whenever samples were lost between two reads (overflow, reset, restart), so
         that the clock model starts anew and the gap is counted.
+    skipped : dict of int to int
+        Of a chip that numbers its samples: how many are missing before a run of those that
+        `read` returned last, by the place of the run.  The clock model goes on then.
     """
 
     name: ClassVar[str]
@@ -110,6 +113,7 @@ class Driver(RegisterMap, ABC):
             dict.fromkeys(('bus_errors', 'brown_outs', 'saturated', *self.counter_names), 0)
         )
         self.continuity = 0
+        self.skipped: dict[int, int] = {}
         self.configured = False
         self.trims: dict[str, Any] = {}
         self._wires: dict[str, Bus] = dict(bus) if isinstance(bus, Mapping) else {'': bus}

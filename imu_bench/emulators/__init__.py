@@ -19,7 +19,13 @@ from imu_bench.emulators.line import Line, Timing
 from imu_bench.emulators.register_map import Source
 from imu_bench.errors import ConfigError
 
-TIMINGS = {'i2c': Timing.i2c, 'spi': Timing.spi, 'frame': Timing.spi, 'serial': Timing.serial}
+TIMINGS = {
+    'i2c': Timing.i2c,
+    'spi': Timing.spi,
+    'frame': Timing.frames,
+    'serial': Timing.serial,
+    'daqhat': Timing.spi,  # a board's library hides what the wire costs
+}
 
 
 def create(
@@ -48,7 +54,8 @@ def create(
     line : Line, optional
         The wire, to let several sensors share one; a wire of its own by default.
     speed_hz : float, optional
-        Clock of the wire; by default 400 kHz on I²C, 1 MHz on SPI, 115200 baud.
+        Clock of the wire; by default 400 kHz on I²C, 1 MHz on SPI (with frames the chip's
+        own), 115200 baud.
     **options
         For the chip's own emulator.
 
@@ -64,6 +71,8 @@ def create(
         )
     if line is None:
         timing = TIMINGS[bus_kind]
+        if bus_kind == 'frame':
+            speed_hz = speed_hz or driver.wiring[''].spi_max_hz
         line = Line(clock, timing(speed_hz) if speed_hz else timing())
     own = {module.name for module in iter_modules(__path__)}
     module = import_module(f'{__name__}.{driver_name if driver_name in own else "generic"}')

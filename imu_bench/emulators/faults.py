@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from imu_bench.bus.interface import Clock
 from imu_bench.drivers.driver import Driver
-from imu_bench.emulators.register_map import EmulatedBus
 from imu_bench.errors import BusBusy, BusError, ConfigError, NoAnswer, PermissionDenied
 import numpy as np
 
@@ -22,11 +22,14 @@ KINDS = {
     'brown_out': 'the chip is back at its reset values, silently',
     'stall': 'somebody else holds the bus for the time given: FIFOs run over',
     'garbage': 'what is read is noise',
+    'bit_error': 'one bit of what is read is wrong, once',
+    'bit_errors': 'a bit of every transfer is wrong',
 }
 """Every fault there is, and what it stands for."""
 
 
 _OPEN = {'no_answer', 'unplugged'}
+_FLIPS = {'bit_error', 'bit_errors'}
 _ERRORS: dict[str, tuple[type[BusError], str]] = {
     'permission_denied': (PermissionDenied, 'this user may not open it'),
     'stuck': (BusBusy, 'a line is stuck or the clock stretched too long'),
@@ -69,7 +72,7 @@ class FaultyBus:
 
     Parameters
     ----------
-    bus : EmulatedBus
+    bus : EmulatedBus or EmulatedFrameBus
     clock : Clock
     faults : iterable of Fault
     identity : iterable of int
@@ -80,7 +83,7 @@ class FaultyBus:
 
     def __init__(
         self,
-        bus: EmulatedBus,
+        bus: Any,
         clock: Clock,
         faults: Iterable[Fault] = (),
         identity: Iterable[int] = (),
@@ -114,11 +117,9 @@ class FaultyBus:
         if not kinds.isdisjoint(_OPEN):
             return b'\xff' * length
         data = self._bus.read(register, length)
-        if 'garbage' in kinds:
-            return self._noise.bytes(length)
         if 'wrong_identity' in kinds and register in self._identity:
             return bytes(byte ^ 0x1E for byte in data)
-        return data
+        return self._disturbed(data, kinds)
 
     def write(self, register: int, data: bytes) -> None:
         """Write, unless the fault prevents it."""
@@ -128,6 +129,14 @@ class FaultyBus:
     def close(self) -> None:
         """Release the device."""
         self._bus.close()
+
+    def _disturbed(self, data: bytes, kinds: set[str]) -> bytes:
+        if 'garbage' in kinds:
+            return self._noise.bytes(len(data))
+        if kinds.isdisjoint(_FLIPS):
+            return data
+        flip = 1 << int(self._noise.integers(8 * len(data)))
+        return (int.from_bytes(data, 'big') ^ flip).to_bytes(len(data), 'big')
 
     def _elapsed_s(self) -> float:
         return (self._clock.now_ns() - self._start_ns) * 1e-9
@@ -148,6 +157,7 @@ class FaultyBus:
                 over = True
             elif not over:
                 active.add(fault.kind)
+                over = fault.kind == 'bit_error'
             if over:
                 self._done.add(fault)
         for kind in sorted(active & set(_ERRORS)):
@@ -157,21 +167,53 @@ class FaultyBus:
         return active
 
 
+class FaultyFrames(FaultyBus):
+    """A FrameBus around an emulated one that plays faults."""
+
+    def transfer(self, frame: bytes) -> bytes:
+        """Return what the chip answers, or what the fault makes of it."""
+        kinds = self._play()
+        if not kinds.isdisjoint(_OPEN):
+            return b'\xff' * len(frame)
+        self._bus.chip.foreign = 'wrong_identity' in kinds
+        return self._disturbed(bytes(self._bus.transfer(frame)), kinds)
+
+
+class FaultyBoard(FaultyBus):
+    """A DaqBoard around an emulated one that plays faults."""
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a method of the board that plays faults before it does its work."""
+        method = getattr(self._bus, name)
+
+        def played(*arguments: object) -> Any:
+            self._play()
+            return method(*arguments)
+
+        return played
+
+
+def _around(bus: Any) -> type[FaultyBus]:
+    if hasattr(bus, 'scan'):
+        return FaultyBoard
+    return FaultyFrames if hasattr(bus, 'transfer') else FaultyBus
+
+
 def wrap(
-    buses: Mapping[str, EmulatedBus],
+    buses: Mapping[str, Any],
     driver: type[Driver],
     clock: Clock,
     faults: Iterable[Fault] = (),
     seed: int = 0,
-) -> dict[str, FaultyBus]:
+) -> dict[str, Any]:
     """Return the buses of a sensor with the same faults on each of its dies."""
     planned = list(faults)
     return {
-        part: FaultyBus(
+        part: _around(bus)(
             bus,
             clock,
             planned,
-            [i.register.number for i in driver.identities if i.register.part == part],
+            [i.register.address for i in driver.identities if i.register.part == part],
             seed,
         )
         for part, bus in buses.items()

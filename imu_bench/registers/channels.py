@@ -18,6 +18,9 @@ import numpy.typing as npt
 Factor = float | tuple[float, ...]
 """SI per LSB: one number, or one per component in the order of the registers."""
 
+Limits = tuple[int, int]
+"""Smallest and largest reading."""
+
 _Array = npt.NDArray[Any]
 
 
@@ -43,7 +46,7 @@ class Channel(Declaration, ABC):
         SI value at word 0.
     shift : int
         Unused low bits of left-justified words.
-    limits : (int, int), optional
+    limits : (int, int), or mapping of a value of `scaled_by` to that, optional
         Smallest and largest reading, after the shift; a reading there counts as saturated.
         Default: the whole word.
     """
@@ -56,7 +59,7 @@ class Channel(Declaration, ABC):
     scaled_by: Field | None = None
     offset: float = 0.0
     shift: int = 0
-    limits: tuple[int, int] | None = None
+    limits: Limits | Mapping[Any, Limits] | None = None
     components = 1
 
     def __post_init__(self) -> None:
@@ -83,13 +86,20 @@ class Channel(Declaration, ABC):
 
     @cached_property
     def word_limits(self) -> tuple[float, float]:
-        """Return the smallest and the largest reading."""
+        """Return the smallest and the largest reading, of the widest range."""
+        if isinstance(self.limits, Mapping):
+            low, high = zip(*self.limits.values(), strict=True)
+            return min(low), max(high)
         if self.limits is not None:
             return self.limits
         if not self.is_integer:
             return -math.inf, math.inf
         info = np.iinfo(np.dtype(self.dtype))
         return int(info.min) >> self.shift, int(info.max) >> self.shift
+
+    def limits_at(self, range_: Value | None) -> tuple[float, float]:
+        """Return the smallest and the largest reading at a range."""
+        return self.limits[range_] if isinstance(self.limits, Mapping) else self.word_limits
 
     def factor(self, range_: Value | None = None) -> _Array:
         """Return SI per LSB of each component, in the order of the registers."""
@@ -105,10 +115,10 @@ class Channel(Declaration, ABC):
         """Return readings from words as they came over the wire."""
         return words >> self.shift if self.shift else words
 
-    def saturated(self, words: _Array) -> npt.NDArray[np.bool_]:
+    def saturated(self, words: _Array, range_: Value | None = None) -> npt.NDArray[np.bool_]:
         """Return for each row of words whether a component stands at its limit, shape (n,)."""
         counts = self.counts(words)
-        low, high = self.word_limits
+        low, high = self.limits_at(range_)
         inside = counts.size == 0 or (
             np.maximum.reduce(counts, axis=None) < high
             and np.minimum.reduce(counts, axis=None) > low
@@ -130,8 +140,8 @@ class Channel(Declaration, ABC):
     def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """Return the size of one LSB in SI of each component."""
 
-    def _quantise(self, counts: _Array) -> _Array:
-        low, high = self.word_limits
+    def _quantise(self, counts: _Array, range_: Value | None = None) -> _Array:
+        low, high = self.limits_at(range_)
         if self.is_integer:
             counts = np.rint(counts)
         clipped: _Array = np.clip(counts, low, high) * (1 << self.shift)
@@ -158,7 +168,7 @@ class Scalar(Channel):
 
     def encode(self, si: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """Return the words a chip sends for SI values: quantised, saturated, shape (n,)."""
-        return self._quantise((si - self.offset) / (self.factor(range_)[0] * trim))
+        return self._quantise((si - self.offset) / (self.factor(range_)[0] * trim), range_)
 
     def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """Return the size of one LSB in SI, shape (1,)."""
@@ -230,7 +240,7 @@ class Vector(Channel):
         """Return the words a chip sends for SI values (n, 3): quantised, saturated, (n, 3)."""
         counts = np.empty((len(si), 3))
         counts[:, self._order] = (si - self.offset) / self._signed_factor(range_, trim)
-        return self._quantise(counts)
+        return self._quantise(counts, range_)
 
     def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """Return the size of one LSB in SI along x, y, z of the body frame, shape (3,)."""
@@ -271,10 +281,40 @@ class Axis(Channel):
     def encode(self, si: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """Return the words a chip sends for SI values (n, 3): quantised, saturated, (n,)."""
         counts = (si[:, self.axis] - self.offset) / (self.factor(range_)[0] * trim)
-        return self._quantise(counts + self.zero)
+        return self._quantise(counts + self.zero, range_)
 
     def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """Return the size of one LSB in SI, shape (1,)."""
+        return np.asarray(self.factor(range_) * trim)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Quaternion(Channel):
+    """
+    An orientation, shape (n, 4): x, y, z, w, from words in the order w, x, y, z.
+
+    Examples
+    --------
+    >>> out = Register(0x20, access='ro', size=8, reset=None)
+    >>> q = Quaternion(first=out, quantity='orientation', unit='1', dtype='<i2',
+    ...                si_per_lsb=2**-14)
+    >>> q.decode(np.array([[16384, 0, 0, 0]])).tolist()
+    [[0.0, 0.0, 0.0, 1.0]]
+    """
+
+    components = 4
+
+    def decode(self, words: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return x, y, z, w, shape (n, 4), of words as they came over the wire, shape (n, 4)."""
+        return np.asarray(self.counts(words)[:, [1, 2, 3, 0]] * (self.factor(range_)[0] * trim))
+
+    def encode(self, si: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return the words a chip sends for x, y, z, w (n, 4): quantised, saturated, (n, 4)."""
+        counts = np.asarray(si)[:, [3, 0, 1, 2]] / (self.factor(range_)[0] * trim)
+        return self._quantise(counts, range_)
+
+    def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
+        """Return the size of one LSB, shape (4,)."""
         return np.asarray(self.factor(range_) * trim)
 
 
@@ -308,7 +348,7 @@ class Frame(Declaration):
         """Return the frame as a numpy structure."""
         return np.dtype(
             [
-                (part.quantity, part.dtype, (3,) if part.components == 3 else ())
+                (part.quantity, part.dtype, (part.components,) if part.components > 1 else ())
                 if isinstance(part, Channel)
                 else (part.name, f'{">" if part.order == "big" else "<"}u{part.size}')
                 for part in self.parts

@@ -52,7 +52,7 @@ class Polled:
     def __init__(self, clock):
         self.clock = clock
         self.rate_hz, self.poll_period_s, self.rates_hz, self.paced = 200.0, 0.005, {}, True
-        self.counters, self.continuity = Counter(bus_errors=0), 0
+        self.counters, self.continuity, self.skipped = Counter(bus_errors=0), 0, {}
         self.broken = False
         self.delays_s = iter(())
 

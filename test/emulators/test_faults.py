@@ -213,7 +213,7 @@ def test_a_magnetometer_that_fails_does_not_cost_samples_of_the_main_die(bench):
     made.run(1.0)
     elapsed = (made.clock.now_ns() - start) * 1e-9
     assert made.samples == pytest.approx(1000 * elapsed, abs=20)
-    assert made.driver.counters['bus_errors'] - errors == pytest.approx(125, abs=2)
+    assert made.driver.counters['bus_errors'] - errors == pytest.approx(143, abs=2)
     assert made.driver.continuity == 1
     made.clear()
     made.run(0.5)

@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The IIM-42652 seen from the wire: DS-000401 rev. 1.2 (DS).
+
+Both sensors run at one rate, that of the gyroscope where it is on; slower packets of the other
+are not emulated, nor is low power.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from imu_bench.bus.framing.fifo_packets import (
+    HEADERS,
+    INVALID,
+    LIMIT_20,
+    PACKET_16,
+    PACKET_20,
+)
+from imu_bench.bus.interface import Clock
+from imu_bench.drivers.driver import Driver
+from imu_bench.drivers.iim42652 import (
+    ACCELERATION_20,
+    ANGULAR_VELOCITY_20,
+    FIFO_BYTES,
+    Iim42652,
+)
+from imu_bench.emulators.line import Line
+from imu_bench.emulators.low_pass import LowPass
+from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
+from imu_bench.registers import Channel, Register
+from imu_bench.samples import Samples
+import numpy as np
+
+C = Iim42652
+START_UP_NS = 1_000_000  # DS table 3
+ACCELEROMETER_NS, GYROSCOPE_NS = 20_000_000, 45_000_000  # DS tables 1 and 2, maximum
+SETTLE_NS = 200_000  # DS section 14.34: no register write after a change of power mode
+IDLE_NS = 10_000_000_000  # nobody asked for so long: the samples in between are skipped
+TICK = 32 / 30  # DS section 12.7: µs per tick of 1 µs, without an external clock
+LOW_NOISE = 3
+
+# DS section 5.5, filter of second order: -3 dB per Hz of the rate, least rate that counts
+_BANDWIDTH = {
+    'ODR/2': (0.4933, 25.0), 'ODR/4': (0.2307, 400.0), 'ODR/5': (0.1916, 400.0),
+    'ODR/8': (0.1175, 400.0), 'ODR/10': (0.0971, 400.0), 'ODR/16': (0.0596, 400.0),
+    'ODR/20': (0.048, 400.0), 'ODR/40': (0.0213, 400.0), 'low latency': (0.262, 400.0),
+    'low latency x8': (2.096, 25.0),
+}  # fmt: skip
+_FAST_HZ = 2000.0  # from here on all settings are alike
+
+_SINGLE = np.dtype([('header', 'u1'), ('words', '>i2', 3), ('temperature', 'i1')])
+_BANK = C.REG_BANK_SEL.number
+_COUNT, _PORT = C.FIFO_COUNT.number, C.FIFO_DATA.number
+_POWER_AND_RATE = (C.PWR_MGMT0, C.GYRO_CONFIG0, C.ACCEL_CONFIG0, C.GYRO_ACCEL_CONFIG0)
+# DS section 12.9: what may be written while a sensor is on
+_WHILE_ON = frozenset(
+    {*_POWER_AND_RATE[:3], C.REG_BANK_SEL, C.DEVICE_CONFIG, C.FIFO_CONFIG, C.SIGNAL_PATH_RESET}
+)
+
+
+def bandwidth_hz(rate_hz: float, bandwidth: str) -> float:
+    """
+    Return the -3 dB frequency of the filter of second order (DS section 5.5).
+
+    Below 400 Hz most settings keep the bandwidth of 400 Hz, which lets the band above half
+    the rate fold back; from 2 kHz on all are alike.
+
+    Examples
+    --------
+    >>> bandwidth_hz(500.0, 'ODR/8'), bandwidth_hz(50.0, 'ODR/8'), bandwidth_hz(50.0, 'ODR/2')
+    (58.75, 47.0, 24.665)
+    """
+    if rate_hz >= _FAST_HZ:
+        return 0.262 * rate_hz
+    factor, least = _BANDWIDTH[bandwidth]
+    return factor * max(rate_hz, least)
+
+
+class Iim42652Chip(EmulatedChip):
+    """
+    Banks, power, filters, data registers and the FIFO of packets.
+
+    Parameters
+    ----------
+    source : Source
+        Is told the rate the registers ask for, and samples at it times its own error.
+    start_ns : int
+        Power-up.
+    tick : float
+        Length of the timestamp's tick of 1 µs in µs.
+
+    Attributes
+    ----------
+    improper : list of str
+        Writes at a time at which the document forbids them.
+    """
+
+    ports = frozenset({_PORT})
+    quiet = frozenset({_PORT})
+
+    def __init__(self, source: Source, start_ns: int, *, tick: float = TICK) -> None:
+        super().__init__(C.declared(Register).values())
+        self._source = source
+        self._tick = tick
+        self._fifo: deque[bytes] = deque()
+        self.improper: list[str] = []
+        self.power_up(start_ns)
+
+    def power_up(self, at_ns: int) -> None:
+        """Begin at the reset values: bank 0, sensors off."""
+        self.memory.reset()
+        self._fifo.clear()
+        self._ready_ns = self._now_ns = at_ns + START_UP_NS
+        self._quiet_ns = 0
+        self._valid_ns: dict[str, int] = {}
+        self._rate_hz = 0.0
+        self._time_us = 0.0
+        self._lost = 0
+        self._update(self._ready_ns)
+
+    def answers(self, at_ns: int) -> bool:
+        """Return whether start-up is over."""
+        return at_ns >= self._ready_ns
+
+    # --- sampling ------------------------------------------------------------------------
+    def advance(self, to_ns: int) -> None:
+        """Take every sample that is due."""
+        if to_ns <= self._now_ns:
+            return
+        if to_ns - self._now_ns > IDLE_NS:
+            self._source.restart(to_ns - IDLE_NS // 10)
+        self._now_ns = to_ns
+        if self._rate_hz:
+            samples = self._source.samples_until(to_ns)
+            if len(samples):
+                self._take(samples)
+
+    def _update(self, at_ns: int) -> None:
+        """Run the sensors that are on at the rate and with the filters the registers ask for."""
+        memory = self.memory
+        on = {
+            'gyroscope': memory.code(C.gyroscope_mode) == LOW_NOISE,
+            'accelerometer': memory.code(C.accelerometer_mode) == LOW_NOISE,
+        }
+        for name, delay in (('gyroscope', GYROSCOPE_NS), ('accelerometer', ACCELEROMETER_NS)):
+            if not on[name]:
+                self._valid_ns.pop(name, None)
+            else:
+                self._valid_ns.setdefault(name, at_ns + delay)
+        rate = 0.0
+        if on['gyroscope']:
+            rate = float(memory.value(C.gyroscope_rate))
+        elif on['accelerometer']:
+            rate = float(memory.value(C.accelerometer_rate))
+        if rate and rate != self._rate_hz:
+            self._source.restart(at_ns, rate)
+        self._rate_hz = rate
+        if rate:
+            self._acceleration, self._rotation = (
+                LowPass(bandwidth_hz(rate, str(memory.value(field))), rate, 2)
+                for field in (C.accelerometer_bandwidth, C.gyroscope_bandwidth)
+            )
+
+    def _take(self, samples: Samples) -> None:
+        n = len(samples)
+        force = self._acceleration.filter(_or_zero(samples.acceleration, (n, 3)))
+        rotation = self._rotation.filter(_or_zero(samples.angular_velocity, (n, 3)))
+        celsius = _or_zero(samples.temperature, (n,))
+        awake = {
+            name: samples.stamps >= self._valid_ns.get(name, samples.stamps[-1] + 1)
+            for name in ('accelerometer', 'gyroscope')
+        }
+        words = {
+            'acceleration': self._words(C.acceleration, force, awake['accelerometer']),
+            'angular_velocity': self._words(C.angular_velocity, rotation, awake['gyroscope']),
+        }
+        heat = self.memory.quantise(C.temperature, celsius)
+        memory = self.memory
+        memory.fill(C.ACCEL_DATA, words['acceleration'][-1].tobytes())
+        memory.fill(C.GYRO_DATA, words['angular_velocity'][-1].tobytes())
+        memory.fill(C.TEMP_DATA, heat[-1:].tobytes())
+        memory.put(C.data_ready, 1)
+        period_us = 1e6 / self._rate_hz
+        times = self._time_us + period_us * np.arange(1, n + 1)
+        self._time_us = float(times[-1])
+        if memory.value(C.fifo_mode) != 'bypass':
+            tick_us = self._tick * float(memory.value(C.timestamp_tick))
+            ticks = (times // tick_us).astype(np.int64) & 0xFFFF
+            if memory.value(C.fifo_bits) == 20:
+                packets = self._packets_20(force, rotation, awake)
+                packets['temperature'], packets['timestamp'] = heat, ticks
+            else:
+                packets = self._packets_16(words, celsius, ticks)
+            self._store(packets)
+
+    def _words(self, channel: Channel, si: np.ndarray, awake: np.ndarray) -> np.ndarray:
+        return np.where(awake[:, np.newaxis], self.memory.quantise(channel, si), INVALID).astype(
+            channel.dtype
+        )
+
+    def _packets_16(
+        self, words: dict[str, np.ndarray], celsius: np.ndarray, ticks: np.ndarray
+    ) -> np.ndarray:
+        """Return packets 1, 2 or 3, whatever is enabled."""
+        eighth = np.clip(np.rint((celsius - 25.0) * 2.07), -128, 127)  # DS section 6.1
+        both = self.memory.code(C.fifo_accelerometer), self.memory.code(C.fifo_gyroscope)
+        packets = np.zeros(len(ticks), PACKET_16 if all(both) else _SINGLE)
+        packets['temperature'] = eighth
+        if all(both):
+            packets['header'] = HEADERS[16]
+            packets['timestamp'] = ticks
+            for name, values in words.items():
+                packets[name] = values
+        elif any(both):
+            packets['header'] = 0x40 if both[0] else 0x20
+            packets['words'] = words['acceleration' if both[0] else 'angular_velocity']
+        else:
+            packets = packets[:0]
+        return packets
+
+    @staticmethod
+    def _packets_20(
+        force: np.ndarray, rotation: np.ndarray, awake: dict[str, np.ndarray]
+    ) -> np.ndarray:
+        """Return packets 4: 18 and 19 bits that matter, at full scale."""
+        packets = np.zeros(len(force), PACKET_20)
+        packets['header'] = HEADERS[20]
+        lows = []
+        for name, si, lsb, step, on in (
+            ('acceleration', force, ACCELERATION_20, 4, awake['accelerometer']),
+            ('angular_velocity', rotation, ANGULAR_VELOCITY_20, 2, awake['gyroscope']),
+        ):
+            words = np.clip(np.rint(si / lsb / step) * step, -LIMIT_20, LIMIT_20).astype(np.int64)
+            words = np.where(on[:, np.newaxis], words, INVALID * 16)
+            packets[name] = words >> 4
+            lows.append(words & 0x0F)
+        packets['low'] = lows[0] << 4 | lows[1]
+        return packets
+
+    def _store(self, packets: np.ndarray) -> None:
+        if not len(packets):
+            return
+        room = FIFO_BYTES // packets.itemsize - 1
+        stops = self.memory.value(C.fifo_mode) == 'stop'
+        for packet in packets:
+            if len(self._fifo) >= room:
+                self._lost += 1
+                if stops:
+                    continue
+                self._fifo.popleft()
+            self._fifo.append(packet.tobytes())
+        if len(self._fifo) >= room:
+            self.memory.put(C.fifo_full, 1)
+
+    # --- registers -----------------------------------------------------------------------
+    def decode_address(self, first: int) -> tuple[int, bool]:
+        """Return the register of the bank that is selected."""
+        bank = self.memory.word(C.REG_BANK_SEL) & 7
+        return (first if first == _BANK else bank + 1 << 8 | first), True
+
+    def reading(self, number: int, at_ns: int) -> None:
+        """Latch the count of the FIFO, and of the packets lost."""
+        if number == _COUNT:
+            in_records = self.memory.value(C.count_unit) == 'records'
+            count = len(self._fifo) if in_records else sum(map(len, self._fifo))
+            self.memory.set(C.FIFO_COUNT, count)
+        elif number == C.FIFO_LOST_PKT.number:
+            self.memory.set(C.FIFO_LOST_PKT, min(self._lost, 0xFFFF))
+
+    def read_port(self, number: int, length: int, at_ns: int, byte_ns: float) -> bytes:
+        """Empty the FIFO; beyond its end there are ones, and part of a packet is not taken out."""
+        out = bytearray()
+        while len(out) < length:
+            self.advance(at_ns + round(len(out) * byte_ns))
+            if not self._fifo:
+                out += b'\xff' * (length - len(out))
+            elif len(self._fifo[0]) > length - len(out):
+                out += self._fifo[0][: length - len(out)]
+            else:
+                out += self._fifo.popleft()
+        return bytes(out)
+
+    def written(self, register: Register, at_ns: int) -> None:
+        """Do what a written bit asks for."""
+        memory = self.memory
+        if at_ns < self._quiet_ns or (self._rate_hz and register not in _WHILE_ON):
+            self.improper.append(str(register))
+        if register is C.DEVICE_CONFIG and memory.code(C.soft_reset):
+            self.power_up(at_ns)
+        elif register in _POWER_AND_RATE:
+            if register is C.PWR_MGMT0:
+                self._quiet_ns = at_ns + SETTLE_NS
+            self._update(at_ns)
+        elif register is C.SIGNAL_PATH_RESET:
+            if memory.code(C.fifo_flush):
+                self._fifo.clear()
+                self._lost = 0
+            memory.set(C.SIGNAL_PATH_RESET, 0)
+        elif register is C.FIFO_CONFIG and memory.value(C.fifo_mode) == 'bypass':
+            self._fifo.clear()
+
+
+def _or_zero(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    return np.zeros(shape) if values is None else values
+
+
+def create(
+    driver: type[Driver],
+    kind: str,
+    name: str,
+    source: Source,
+    clock: Clock,
+    line: Line,
+    **options: float,
+) -> dict[str, EmulatedBus]:
+    """Return the bus of an IIM-42652."""
+    chip = Iim42652Chip(source, clock.now_ns(), **options)
+    return {'': EmulatedBus(name, line, chip, acknowledges=kind == 'i2c')}
