@@ -24,6 +24,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Literal
 
 from imu_bench.errors import DataError
+from imu_bench.metrology import workspace
 import numpy as np
 import numpy.typing as npt
 
@@ -105,7 +106,7 @@ def cumulate(
     """
     count = rate.size if valid is None else int(np.count_nonzero(valid))
     rows = -(-rate.size // _ROW)
-    phase = np.zeros(1 + rows * _ROW)
+    phase = workspace.zeros(1 + rows * _ROW, np.float64)
     body = phase[1:]
     blocks = [slice(a, min(a + BLOCK, rate.size)) for a in range(0, rate.size, BLOCK)]
 
@@ -210,7 +211,7 @@ def thinned(
            [2, 3]]))
     """
     kept = phase[::stride]
-    points = np.empty(kept.size)
+    points = workspace.empty(kept.size, np.float64)
 
     def copy(start: int) -> None:
         points[start : start + BLOCK] = kept[start : start + BLOCK]

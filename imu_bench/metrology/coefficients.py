@@ -15,8 +15,10 @@ from imu_bench.errors import DataError
 from imu_bench.metrology.correlation_time import likeliest
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
-from imu_bench.metrology.fit_range import choose_range
+from imu_bench.metrology.filter_fit import candidates
+from imu_bench.metrology.fit_range import choose_range, Range
 from imu_bench.metrology.fit_report import METHOD, Report
+from imu_bench.metrology.low_pass import LowPass
 from imu_bench.metrology.model_fit import prepare, Problem
 from imu_bench.metrology.noise_model import coefficient_unit, NoiseModel, TERMS
 from imu_bench.metrology.tangent import tangent_fit
@@ -32,6 +34,12 @@ KINDS = ('oadev', 'adev', 'totdev')
 FEWEST = 3
 """Points that a fit needs."""
 
+EARLY = 300
+"""
+Part of a curve, as a multiple of its first averaging time, where a filter is looked for beside a
+Gauss-Markov process: there the process still rises like a random walk.
+"""
+
 ROUNDING = 1e-12
 """Deviation over the highest of the curve below which it is rounding of the phase."""
 
@@ -43,7 +51,9 @@ def fit(
     Return the noise coefficients of a curve, each with its interval.
 
     Terms that the curve does not support are not observable: with an upper bound, and the
-    length of a record that would show a term as large as the bound to 10 %.
+    length of a record that would show a term as large as the bound to 10 %.  White noise may
+    have passed the low-pass filter that every sensor has: where one bends the start of the
+    curve, its cutoff is fitted too, and N is that of the noise at low frequencies.
 
     Parameters
     ----------
@@ -53,7 +63,7 @@ def fit(
         Level of intervals; a bound is the upper end of one.
     terms : str
         Candidate terms, letters of 'QNBKR'; with 'G' also one Gauss-Markov process, whose
-        correlation time is searched (some 50 ms).
+        correlation time is searched (some 20 ms).
 
     Returns
     -------
@@ -86,11 +96,35 @@ def fit(
     if points.size < FEWEST:
         return _nothing(curve, confidence, points.size)
     powers = terms.replace('G', '')
+    chosen = choose_range(_problem(curve, points, powers))
     if 'G' in terms and points.size > FEWEST:
-        problem = likeliest(lambda t: _problem(curve, points, powers + 'G', t), curve.tau[points])
-    else:
-        problem = _problem(curve, points, powers)
-    return Report(choose_range(problem), curve.unit, confidence).model()
+        chosen = _with_process(curve, points, powers, chosen)
+    return Report(chosen, curve.unit, confidence).model()
+
+
+def _with_process(
+    curve: DeviationCurve, points: npt.NDArray[np.intp], powers: str, chosen: Range
+) -> Range:
+    """Return the fit with a Gauss-Markov process, behind a low-pass filter if there is one."""
+
+    def behind(low_pass: LowPass | None) -> Range:
+        def prepared(time: float) -> Problem:
+            problem = _problem(curve, points, powers + 'G', time)
+            return problem if low_pass is None else problem.behind(low_pass)
+
+        return choose_range(likeliest(prepared, curve.tau[points]))
+
+    low_pass = chosen.problem.low_pass
+    if low_pass is None and not chosen.started:
+        return behind(None)
+    problem = _problem(curve, points, powers)
+    for early in candidates(problem.only(problem.m <= EARLY * problem.m[0]))[:1]:
+        bent = behind(early)
+        if bent.described and not bent.started:
+            return bent
+    if low_pass is not None:
+        points = points[curve.tau[points] >= 0.999 * chosen.problem.tau[0]]
+    return behind(low_pass)
 
 
 def _points(curve: DeviationCurve) -> npt.NDArray[np.intp]:

@@ -17,6 +17,9 @@ _COARSE = 0.5
 
 _STEP = 1e-3
 
+MOST_TERMS = 3
+"""Terms of a model, the process among them, by which correlation times are compared."""
+
 
 def likeliest(prepared: Callable[[float], Problem], tau: Floats) -> Problem:
     """
@@ -55,5 +58,5 @@ def slope(problem: Problem, correlation_time: float, square: float) -> Floats:
 def _score(problem: Problem) -> float:
     """Return the best score of any subset that holds the Gauss-Markov process."""
     count = len(problem.terms)
-    masks = subsets(count, min(count, problem.tau.size - 1))
+    masks = subsets(count, min(count, MOST_TERMS, problem.tau.size - 1))
     return float(solve(problem, masks[masks[:, problem.terms.index('G')]]).score.min())

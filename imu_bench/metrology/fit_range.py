@@ -9,12 +9,14 @@ that cycles, puts a bump on the curve.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from imu_bench.metrology.curve import Floats
+from imu_bench.metrology.filter_fit import candidates, shows
+from imu_bench.metrology.low_pass import LowPass
 from imu_bench.metrology.model_choice import fit_subsets, residuals_of
-from imu_bench.metrology.model_fit import Problem, Solutions
+from imu_bench.metrology.model_fit import PENALTY, Problem, Solutions
 import numpy as np
 
 MISFIT = 3.0
@@ -42,6 +44,22 @@ WIDEST_BUMP = 0.5
 """Share of the octaves of a curve that a bump may take."""
 
 
+KNOWN_FILTER = 1.5
+"""Mean squared residual up to which a filter is of a kind that is known."""
+
+DOUBT = 6.0
+"""
+What less a filter must gain in −2 ln L where the very start is left out for its sake: something
+did bend it, and a filter that is needless then costs only precision.
+"""
+
+CYCLES = (1.0, 2.0)
+"""
+Start of a curve, in periods of the cutoff, from which on it tells nothing of the kind of filter
+but 1 − 3T/2τ: a moving average is over after half a period, and what a filter of second order
+still rings is below 2 permille.
+"""
+
 ROUNDS = 5
 """Times that points are taken off a bump."""
 
@@ -59,12 +77,15 @@ class Range:
         Averaging time in s before which points are left out, 0 if none.
     bump : tuple of float
         First and last averaging time in s left out in the middle; empty if none.
+    alike : Range or None
+        The fit behind another kind of low-pass filter, if it describes the curve as well.
     """
 
     problem: Problem
     solutions: Solutions
     started: float = 0.0
     bump: tuple[float, ...] = ()
+    alike: Range | None = None
 
     @cached_property
     def residuals(self) -> Floats:
@@ -81,6 +102,18 @@ class Range:
     def described(self) -> bool:
         """Whether the model describes the curve."""
         return self.chi2 <= MISFIT
+
+    @property
+    def score(self) -> float:
+        """−2 ln L of the likeliest subset with its penalties, the cutoff of a filter included."""
+        filtered = self.problem.low_pass is not None
+        return float(self.solutions.score.min()) + (PENALTY if filtered else 0.0)
+
+    @property
+    def has_white_noise(self) -> bool:
+        """Whether white noise is part of the likeliest subset."""
+        best = self.solutions.masks[self.solutions.likeliest]
+        return bool(best[self.problem.terms.index('N')])
 
     @property
     def start(self) -> float:
@@ -104,6 +137,9 @@ def choose_range(problem: Problem) -> Range:
     that does not either, the earliest start that fits by itself.
     """
     whole = Range(problem, fit_subsets(problem))
+    filtered = _filtered(whole)
+    if filtered is not None:
+        return filtered
     if whole.described and whole.start <= START_MISFIT:
         return whole
     tried = [whole]
@@ -120,6 +156,48 @@ def choose_range(problem: Problem) -> Range:
         if flattened is not None and flattened.start <= START_FIT:
             return flattened
     return sound[0] if sound else min(tried, key=lambda candidate: candidate.chi2)
+
+
+def _filtered(whole: Range) -> Range | None:
+    """
+    Return the fit with white noise behind a low-pass filter, if a filter bends the curve.
+
+    The very start may follow a filter of another kind, or show the rounding behind it; after a
+    period of its cutoff every filter looks alike.
+    """
+    problem = whole.problem
+    if problem.low_pass is not None or 'G' in problem.terms:
+        return None
+    sound = whole.described and whole.start <= START_MISFIT
+    if sound and not shows(problem, whole.solutions[whole.solutions.likeliest]):
+        return None
+    filters = candidates(problem)
+    found = _needed(whole, filters, KNOWN_FILTER, 0.0)
+    for cycles in CYCLES if filters else ():
+        count = int(np.searchsorted(problem.tau, cycles / filters[0].cutoff))
+        if found is not None or not 0 < count <= problem.tau.size - FEWEST:
+            break
+        rest = problem.only(slice(count, None))
+        plain = Range(rest, fit_subsets(rest), float(rest.tau[0]))
+        found = _needed(plain, candidates(rest), MISFIT, DOUBT)
+    return found
+
+
+def _needed(plain: Range, filters: list[LowPass], misfit: float, doubt: float) -> Range | None:
+    """Return the fit of the same points behind a filter, if that describes them and is needed."""
+    if not filters:
+        return None
+    found, *alike = (_behind(plain, low_pass) for low_pass in filters)
+    good = found.chi2 <= misfit and found.start <= START_FIT and found.has_white_noise
+    if not good or found.score - doubt >= plain.score:
+        return None
+    return replace(found, alike=alike[0] if alike else None)
+
+
+def _behind(plain: Range, low_pass: LowPass) -> Range:
+    """Return the fit of the same points with white noise behind a filter."""
+    bent = plain.problem.behind(low_pass)
+    return Range(bent, fit_subsets(bent), plain.started)
 
 
 def _starts(problem: Problem) -> list[int]:

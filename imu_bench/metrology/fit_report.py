@@ -62,6 +62,7 @@ class Report:
             K=found['K'],
             R=found['R'],
             gauss_markov=self._gauss_markov(),
+            low_pass=problem.low_pass,
             fitted=fitted,
             method=METHOD,
             tau_low=float(problem.tau[0]),
@@ -73,10 +74,23 @@ class Report:
     def _estimate(self, term: str) -> Estimate:
         at = self.problem.terms.find(term)
         unit = coefficient_unit(self.unit, term)
+        if at < 0 and term == 'Q' and self.problem.low_pass is not None:
+            return self._hidden(unit)
         if at < 0:
             return Estimate.not_observable(unit, 'not asked for', confidence=self.confidence)
         estimate = self._observed(at) if self.choice.certain(at) else self._bound(at)
         return estimate.scaled(self.problem.scale, unit)
+
+    def _hidden(self, unit: str) -> Estimate:
+        """Return quantisation noise behind a filter: no more than all of the first variance."""
+        problem = self.problem
+        return Estimate.not_observable(
+            unit,
+            'the low-pass filter of the sensor bends the start of the curve, where it would show',
+            high=problem.scale * float(problem.tau[0] * np.sqrt(problem.variance[0] / 3.0)),
+            confidence=self.confidence,
+            method=METHOD,
+        )
 
     def _gauss_markov(self) -> GaussMarkov | None:
         """Return the Gauss-Markov process, if it was a candidate and no rival does without."""
@@ -105,6 +119,12 @@ class Report:
             self._response(fitted, at).interval(self.confidence)
             for fitted in (choice.best, *choice.rivals, *choice.supersets)
         ]
+        other = self.chosen.alike
+        if other is not None:
+            same = other.solutions[other.solutions.likeliest]
+            answer = respond(other.problem, same, widening=self.chosen.widening)
+            term = self.problem.terms[at]
+            intervals += [answer[term].interval(self.confidence)] if term in answer else []
         lows, highs = zip(*intervals, strict=True)
         return self._root(float(choice.best.squares[at]), list(lows), list(highs))
 
@@ -190,7 +210,18 @@ class Report:
     def _flags(self) -> tuple[str, ...]:
         """Return what a reader of the model should know."""
         flags = []
-        if self.chosen.started:
+        low_pass = self.problem.low_pass
+        if low_pass is not None:
+            flags.append(
+                f'white noise through a low-pass filter of about {low_pass.cutoff:.2g} Hz: it '
+                'bends the start of the curve, not N'
+            )
+        if self.chosen.started and low_pass is not None:
+            flags.append(
+                f'averaging times below {self.chosen.started:.3g} s are left out: there the '
+                'curve depends on the kind of filter'
+            )
+        elif self.chosen.started:
             flags.append(
                 f'averaging times below {self.chosen.started:.3g} s are left out: there the '
                 'curve follows no sum of noise terms (low-pass filter or vibration)'

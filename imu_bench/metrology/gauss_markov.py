@@ -22,7 +22,7 @@ from imu_bench.metrology.noise_model import (
 )
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, signal, special
+from scipy import fft, special
 
 _FEWEST_LAGS = 4
 """Lags that a decay needs before it can be told from one step."""
@@ -39,6 +39,12 @@ Relative standard deviation of T_c read at 1/e, over √(T_c/T).  Bartlett's for
 autocorrelation e^−s the variance T_c/T · (1 − e^−2s (1 + 2s)), 0.594 T_c/T at s = 1, and the
 slope there is 1/e: √0.594 · e = 2.1.  M. S. Bartlett, J. R. Stat. Soc. Suppl. 8 (1946) 27.
 """
+
+_WHITE_ON_SIGMA = 0.1
+"""Share of the scatter that white noise adds to ln T_c which reaches 2 ln sigma (simulated)."""
+
+_HIDDEN = 0.25
+"""Variance of ln T_c from white noise above which the decay is hidden: it comes out too short."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +106,13 @@ class Process:
 
     def simulate(self, n: int, rate_hz: float, rng: np.random.Generator) -> Floats:
         """Return n samples, stationary from the first on."""
+        from scipy.signal import lfilter  # half of the start-up time, and seldom needed
+
         step = 1.0 / rate_hz
         drive = rng.standard_normal(n) * math.sqrt(self.driving_variance(step))
         if n:
             drive[0] *= self.sigma / math.sqrt(self.driving_variance(step))
-        return np.asarray(signal.lfilter([1.0], [1.0, -self.transition(step)], drive), np.float64)
+        return np.asarray(lfilter([1.0], [1.0, -self.transition(step)], drive), np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +241,8 @@ def from_autocorrelation(correlation: Autocorrelation, *, confidence: float = CO
     Notes
     -----
     Scatter for a record of T: sigma √(T_c/2T); T_c after Bartlett, see `_CROSSING_ERROR`.
+    White noise of w times the variance of the process adds (w² + 2w (1 + e^−2))/n to the
+    variance of a lag near T_c, by the same formula, and e² of that to the one of ln T_c.
 
     Examples
     --------
@@ -259,11 +269,17 @@ def from_autocorrelation(correlation: Autocorrelation, *, confidence: float = CO
     normalised = value[1 : at + 1] / start
     misfit = float(np.sqrt(np.mean((normalised - np.exp(-lag[1 : at + 1] / time)) ** 2)))
     z = float(special.ndtri(0.5 + 0.5 * confidence))
-    root = math.sqrt(time / correlation.span)
+    share, hidden = time / correlation.span, _white_scatter(correlation, start)
+    if hidden > _HIDDEN:
+        reason = 'white noise hides the decay: average over longer blocks, or record longer'
+        return _no_decay(unit, reason, confidence)
+    own = math.sqrt(0.5 * share + _WHITE_ON_SIGMA * hidden)
+    # a crossing between few lags scatters more than the curve does: 1/lags, found by simulation
+    error = math.sqrt(_CROSSING_ERROR**2 * share + hidden) * (1.0 + lag[1] / time)
     method = 'autocorrelation'
     return Decay(
-        _spread(math.sqrt(start), z * root / math.sqrt(2.0), unit, confidence, method),
-        _spread(time, z * _CROSSING_ERROR * root, 's', confidence, method),
+        _spread(math.sqrt(start), z * own, unit, confidence, method),
+        _spread(time, z * error, 's', confidence, method),
         Estimate(
             math.sqrt(max(float(value[0]) - start, 0.0)),
             None,
@@ -347,6 +363,13 @@ def _samples(data: npt.ArrayLike, rate_hz: float) -> Floats:
     if not (math.isfinite(rate_hz) and rate_hz > 0.0):
         raise DataError(f'the sample rate must be positive, got {rate_hz} Hz')
     return x
+
+
+def _white_scatter(correlation: Autocorrelation, start: float) -> float:
+    """Return the variance of ln T_c that white noise causes; see `from_autocorrelation`."""
+    white = max(float(correlation.value[0]) / start - 1.0, 0.0)
+    samples = correlation.span / float(correlation.lag[1])
+    return math.e**2 * (white**2 + 2.0 * white * (1.0 + math.exp(-2.0))) / samples
 
 
 def _without_white(value: Floats) -> tuple[float, str]:

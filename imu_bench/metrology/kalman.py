@@ -17,7 +17,7 @@ from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.gauss_markov import Process
 import numpy as np
 import numpy.typing as npt
-from scipy import signal, stats
+from scipy import special
 
 Bools = npt.NDArray[np.bool_]
 
@@ -189,11 +189,13 @@ class _Filter:
 
     def update(self, x: Floats, start: int) -> None:
         """Take in samples without gaps."""
+        from scipy.signal import lfilter  # half of the start-up time, and seldom needed
+
         count, gain, before = self._settle(x, start)
         if count < x.size:
             rest = slice(start + count, start + x.size)
             keep = self._transition * (1.0 - gain)
-            bias, _ = signal.lfilter([gain], [1.0, -keep], x[count:], zi=[keep * self._state])
+            bias, _ = lfilter([gain], [1.0, -keep], x[count:], zi=[keep * self._state])
             predicted = self._transition * np.concatenate([[self._state], bias[:-1]])
             self.bias[rest] = bias
             self.variance[rest] = self._spread
@@ -312,8 +314,8 @@ def rmse(
     # squares of a first-order process are correlated as r²
     degrees = max(difference.size * (1.0 - r**2) / (1.0 + r**2), 1.0)
     tail = 0.5 * (1.0 - confidence)
-    low = value * math.sqrt(degrees / stats.chi2.isf(tail, degrees))
-    high = value * math.sqrt(degrees / stats.chi2.ppf(tail, degrees))
+    low = value * math.sqrt(degrees / special.chdtri(degrees, tail))
+    high = value * math.sqrt(degrees / special.chdtri(degrees, 1.0 - tail))
     return Estimate(value, low, high, unit, confidence, method='against the moving average')
 
 
@@ -345,4 +347,4 @@ def _ljung_box(x: Floats) -> float:
         return 1.0
     r = np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
     statistic = x.size * (x.size + 2) * float(np.sum(r**2 / (x.size - np.arange(1, lags + 1))))
-    return float(stats.chi2.sf(statistic, lags))
+    return float(special.chdtrc(lags, statistic))

@@ -15,7 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from imu_bench.metrology.curve import Floats, Integers
+from imu_bench.metrology.low_pass import bend, LowPass
 from imu_bench.metrology.noise_model import (
+    density_basis,
     gauss_markov_density,
     gauss_markov_variance,
     variance_basis,
@@ -76,6 +78,10 @@ class Problem:
         Weights H of the points, over the root of `share`: they give the scatter in this record.
     correlation_time : float or None
         T_c in s of the term 'G'.
+    low_pass : LowPass or None
+        Filter of the white noise, the row of 'N' in `basis` and `densities`.
+    bend : ndarray, shape (k,), or None
+        Derivative of that row of `basis` by `LowPass.warped`.
     """
 
     terms: str
@@ -93,6 +99,13 @@ class Problem:
     width: Floats
     power: Floats
     correlation_time: float | None = None
+    low_pass: LowPass | None = None
+    bend: Floats | None = None
+
+    @property
+    def period(self) -> float:
+        """Sample period in s."""
+        return float(self.tau[0] / self.m[0])
 
     @property
     def ramp(self) -> int | None:
@@ -111,6 +124,34 @@ class Problem:
             cross=self.cross[:, kept],
             share=self.share[kept],
             power=self.power[kept],
+            bend=None if self.bend is None else self.bend[kept],
+        )
+
+    def behind(self, low_pass: LowPass) -> Problem:
+        """
+        Return the problem with white noise behind a low-pass filter, and without quantisation.
+
+        Quantisation raises the start of a curve that the filter bends down: the two cancel, and
+        no curve tells how much there is of either.
+        """
+        rows = [i for i, t in enumerate(self.terms) if t != 'Q']
+        terms = ''.join(self.terms[i] for i in rows)
+        basis, densities = self.basis[rows], self.densities[rows]
+        white = terms.index('N')
+        basis[white] = low_pass.variance(self.tau)
+        densities[white] = density_basis(self.frequency, self.period, 'N')[0] * low_pass.gain(
+            self.frequency
+        )
+        pairs = densities[:, None, :] * densities[None, :, :] * self.width
+        cross = pairs @ (self.power**2 * self.share[:, None]).T
+        return replace(
+            self,
+            terms=terms,
+            basis=basis,
+            densities=densities,
+            cross=cross.reshape(-1, self.tau.size),
+            low_pass=low_pass,
+            bend=bend(self.tau, low_pass),
         )
 
 
@@ -223,6 +264,11 @@ def prepare(
     )
 
 
+def parameters_of(terms: str) -> Floats:
+    """Return what each term counts for in a score, in units of `PENALTY`."""
+    return np.array([PARAMETERS.get(t, 1.0) for t in terms])
+
+
 def octaves_of(tau: Floats) -> Floats:
     """
     Return the octaves that each averaging time stands for, at most one.
@@ -306,7 +352,7 @@ def solve(problem: Problem, masks: Bools) -> Solutions:
     misfit = minus_two_log_likelihood(
         problem.variance, squares @ problem.basis, granted(degrees), problem.octaves
     )
-    parameters = masks @ np.array([PARAMETERS.get(t, 1.0) for t in problem.terms])
+    parameters = masks @ parameters_of(problem.terms)
     positive = np.all((raw > 0.0) | ~masks, axis=1)
     score = np.where(positive, misfit + PENALTY * parameters, np.inf)
     return Solutions(masks, squares, degrees, misfit, score)

@@ -16,6 +16,7 @@ import math
 from imu_bench.errors import DataError, UnitError
 from imu_bench.metrology.curve import Floats
 from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.low_pass import LowPass
 from imu_bench.units import term_unit
 import numpy as np
 import numpy.typing as npt
@@ -195,6 +196,8 @@ class NoiseModel:
         The coefficients; one that the data do not support is not observable.
     gauss_markov : GaussMarkov or None
         Present when it was asked for and the data support it.
+    low_pass : LowPass or None
+        The filter behind which the white noise is seen, where one bends the curve.
     fitted : mapping of str to float
         Coefficients of the fitted curve by letter.  More than the observable ones where the
         curve shows something that could be either of two terms.
@@ -215,12 +218,27 @@ class NoiseModel:
     K: Estimate
     R: Estimate
     gauss_markov: GaussMarkov | None = None
+    low_pass: LowPass | None = None
     fitted: Mapping[str, float] = field(default_factory=dict)
     method: str = ''
     tau_low: float = 0.0
     tau_high: float = math.inf
     chi2: float = 1.0
     flags: tuple[str, ...] = ()
+
+    @property
+    def tau_flat(self) -> float:
+        """
+        Averaging time in s from which on no filter matters: `tau_low`, or later behind a filter.
+
+        Its frequencies, up to 1/2τ, then end at a tenth of the cutoff, where a filter of first
+        order takes one percent of the density.
+        """
+        return (
+            self.tau_low
+            if self.low_pass is None
+            else max(self.tau_low, 5.0 / self.low_pass.cutoff)
+        )
 
     @property
     def coefficients(self) -> dict[str, Estimate]:
@@ -252,7 +270,11 @@ class NoiseModel:
             In the unit of the signal.
         """
         t = np.asarray(tau, dtype=np.float64)
-        variance = variance_of(self.fitted or self.values, t)
+        values = self.fitted or self.values
+        variance = variance_of(values, t)
+        if self.low_pass is not None:
+            white = values.get('N', 0.0) ** 2
+            variance = variance + white * (self.low_pass.variance(t) - 1.0 / t)
         if self.gauss_markov is not None:
             strength, time = self.gauss_markov.q_c.value, self.gauss_markov.T_c.value
             if strength is not None and time is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from imu_bench.metrology import workspace
 import numpy as np
 import numpy.typing as npt
 
@@ -73,9 +74,9 @@ def _cells(stamps: Integers, breaks: Integers, period: float) -> _Cells:
     runs = np.concatenate([[0], breaks]).astype(np.int64)
     ends = _group_ends(stamps, period)
     if ends is not None:
-        index = np.flatnonzero(ends)
+        index = workspace.chosen(workspace.counted(stamps.size), ends)
         runs = np.searchsorted(index, runs)
-        stamps = stamps[index]
+        stamps = workspace.chosen(stamps, ends)
     lengths = np.diff(runs, append=stamps.size)
     cell = min(CELL, max(8, stamps.size // BLOCKS))
     per_run = -(-lengths // cell)
@@ -134,7 +135,8 @@ def _equal_sums(stamps: Integers, start: Integers, size: int) -> Floats:
 
 def _group_ends(stamps: Integers, period: float) -> npt.NDArray[np.bool_] | None:
     """Return which samples are not followed by one of their group; None if all."""
-    ends = np.ones(stamps.size, dtype=np.bool_)
+    ends = workspace.empty(stamps.size, np.bool_)
+    ends[-1:] = True
     for start in range(0, stamps.size, _PIECE):
         steps = np.diff(stamps[start : start + _PIECE + 1])
         # a step back is the clock set back, and a gap

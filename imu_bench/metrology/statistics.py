@@ -23,6 +23,9 @@ LISTED_OUTLIERS = 1000
 """Indices of the largest outliers are kept, up to this many; all are counted."""
 
 _PART = 1 << 20
+_ROBUST = 1 << 18
+"""Samples that median and scale of long data come from: good to 0.3 % of the scale."""
+
 _SAMPLE = 1 << 14
 
 
@@ -198,8 +201,8 @@ def resolution(data: npt.ArrayLike) -> float:
 def _robust(values: Floats) -> tuple[float, float]:
     """Return centre and scale from the median, of a part of very long data."""
     part = values
-    if values.size > _PART:
-        starts = np.linspace(0, values.size - _SAMPLE, _PART // _SAMPLE).astype(np.int64)
+    if values.size > _ROBUST:
+        starts = np.linspace(0, values.size - _SAMPLE, _ROBUST // _SAMPLE).astype(np.int64)
         part = np.concatenate([values[start : start + _SAMPLE] for start in starts])
     centre = float(np.median(part))
     off = np.abs(part - centre)

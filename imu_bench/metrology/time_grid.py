@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from imu_bench.errors import DataError
+from imu_bench.metrology import workspace
 from imu_bench.metrology.continuity import Continuity
 from imu_bench.metrology.stamp_line import gap_lengths, Line, straight_line
 from imu_bench.metrology.stamp_rule import Rule
@@ -90,7 +91,7 @@ def _checked(stamps_ns: npt.ArrayLike) -> Integers:
 
 def _judged(stamps: Integers, rule: Rule) -> Judged:
     stream = Continuity(rule)
-    keep = np.empty(stamps.size, dtype=np.bool_)
+    keep = workspace.empty(stamps.size, np.bool_)
     found, steps = [], []
     done = 0
     for start in range(0, stamps.size, _BLOCK):
@@ -104,7 +105,7 @@ def _judged(stamps: Integers, rule: Rule) -> Judged:
     if stream.order_faults + stream.duplicates == 0:
         kept_stamps, breaks = stamps, holes
     else:
-        kept_stamps = stamps[keep]
+        kept_stamps = workspace.chosen(stamps, keep)
         breaks = np.searchsorted(np.flatnonzero(keep), holes)
     return Judged(
         keep,
@@ -204,22 +205,20 @@ def grid(stamps_ns: npt.ArrayLike, period_s: float | None = None) -> Grid:
     """
     judged, line = judge(stamps_ns, period_s)
     lengths = np.minimum(gap_lengths(judged.steps, line.period), LONGEST_HOLE)
-    positions = np.arange(judged.kept.size, dtype=np.int64)
-    extra = np.cumsum(lengths)
-    edges = [*judged.breaks.tolist(), judged.kept.size] if extra.size < 64 else []
-    if edges:
-        for shift, start, end in zip(extra, edges[:-1], edges[1:], strict=True):
-            positions[start:end] += shift
-    else:
-        shifts = np.zeros(positions.size, dtype=np.int64)
-        shifts[judged.breaks] = lengths
-        positions += np.cumsum(shifts)
-    span = int(positions[-1]) + 1
-    if judged.kept.size == judged.keep.size:
-        return Grid(positions, judged.keep, line.period * _NANO, span)
-    index = np.full(judged.keep.size, -1, dtype=np.int64)
-    index[judged.keep] = positions
-    return Grid(index, judged.keep, line.period * _NANO, span)
+    index = workspace.empty(judged.keep.size, np.int64)
+    place = -1  # of the sample before
+    kept = 0
+    for start in range(0, index.size, _BLOCK):
+        part = slice(start, min(start + _BLOCK, index.size))
+        chosen = judged.keep[part]
+        steps = np.ones(int(np.count_nonzero(chosen)), np.int64)
+        first, last = np.searchsorted(judged.breaks, (kept, kept + steps.size))
+        steps[judged.breaks[first:last] - kept] += lengths[first:last]
+        index[part] = -1
+        index[part][chosen] = place + np.cumsum(steps)
+        place += int(steps.sum())
+        kept += steps.size
+    return Grid(index, judged.keep, line.period * _NANO, place + 1)
 
 
 def place(values: npt.ArrayLike, grid: Grid) -> tuple[Floats, Mask]:
@@ -255,9 +254,12 @@ def place(values: npt.ArrayLike, grid: Grid) -> tuple[Floats, Mask]:
         raise DataError(f'{rows.shape[:1]} rows of values for {grid.index.size} stamps')
     if grid.regular:
         return rows, np.ones(grid.span, dtype=np.bool_)
-    placed = np.zeros((grid.span, *rows.shape[1:]))
-    valid = np.zeros(grid.span, dtype=np.bool_)
-    index = grid.index[grid.keep]
-    placed[index] = rows[grid.keep]
-    valid[index] = True
+    width = int(np.prod(rows.shape[1:]))
+    placed = workspace.zeros(grid.span * width, np.float64).reshape(grid.span, *rows.shape[1:])
+    valid = workspace.zeros(grid.span, np.bool_)
+    for start in range(0, grid.index.size, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        index = grid.index[part][grid.keep[part]]
+        placed[index] = rows[part][grid.keep[part]]
+        valid[index] = True
     return placed, valid

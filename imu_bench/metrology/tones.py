@@ -148,10 +148,11 @@ def _lines(spectrum: Spectrum, level: Floats, false_alarm: float) -> list[tuple[
     """Return first and last bin above the threshold of every line."""
     size = spectrum.density.size
     ratio = spectrum.density / level
-    half = spectrum.edf / 2.0
+    # all bins but one or two have the same degrees of freedom
+    half, own = np.unique(spectrum.edf / 2.0, return_inverse=True)
     # the floor is a median over a hundred bins: its own scatter counts as well
     scatter = 1.0 + 1.25 * np.sqrt(2.0 / spectrum.edf * np.pi / 2.0 / FLOOR_BINS)
-    limit = special.gammainccinv(half, false_alarm / size) / half * scatter
+    limit = (special.gammainccinv(half, false_alarm / size) / half)[own] * scatter
     above = ratio > limit
     above[: min(3, size)] = False  # the mean was removed; nothing is measured here
     above[-1:] = False

@@ -134,9 +134,15 @@ def respond(
     letters = [t for t, on in zip(problem.terms, fitted.mask, strict=True) if on]
     columns, own = problem.basis[fitted.mask], problem.densities[fitted.mask]
     present = noise[fitted.mask]
-    if extra is not None:
-        letters = [*letters, 'T']
-        columns, own = np.vstack([columns, extra]), np.vstack([own, 0.0 * own[0]])
+    further = [] if extra is None else [('T', extra)]
+    if problem.bend is not None:
+        # the cutoff was fitted as well
+        further.append(('F', fitted.squares[problem.terms.index('N')] * problem.bend))
+    # a parameter of a term that is absent changes nothing
+    further = [(letter, column) for letter, column in further if column.any()]
+    for letter, column in further:
+        letters = [*letters, letter]
+        columns, own = np.vstack([columns, column]), np.vstack([own, 0.0 * own[0]])
         present = np.append(present, 0.0)
     rows = _rows(problem, fitted, columns)
     gains = rows @ problem.power

@@ -19,7 +19,6 @@ from imu_bench.metrology.estimate import CONFIDENCE
 import numpy as np
 import numpy.typing as npt
 from scipy import fft, special
-from scipy.signal import windows
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -224,7 +223,7 @@ def _periodograms(
     values: Floats, starts: Integers, length: int, groups: int, detrend: str
 ) -> tuple[Floats, Floats]:
     """Return the sum of modified periodograms of each group of segments, and their number."""
-    window = windows.hann(length, sym=False)
+    window = _hann(length)
     window /= math.sqrt(float(window @ window))
     sums = np.zeros((groups, length // 2 + 1))
     sizes = np.zeros(groups)
@@ -250,9 +249,14 @@ def _periodograms(
     return sums, sizes
 
 
+def _hann(length: int) -> Floats:
+    """Return the periodic Hann window."""
+    return np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi / length * np.arange(length)), np.float64)
+
+
 @lru_cache(maxsize=64)
 def _overlap_correlation(length: int, step: int) -> tuple[float, ...]:
-    window = windows.hann(length, sym=False)
+    window = _hann(length)
     total = float(window @ window)
     shifts = range(step, length, step)
     return tuple(float(window[s:] @ window[:-s] / total) ** 2 for s in shifts)
@@ -295,7 +299,9 @@ def _median_factors(freedom: float, groups: int) -> tuple[float, float]:
 def _interval(density: Floats, degrees: Floats, confidence: float) -> tuple[Floats, Floats]:
     if not 0.0 < confidence < 1.0:
         raise DataError(f'confidence must lie between 0 and 1, got {confidence}')
-    half, tail = degrees / 2.0, (1.0 - confidence) / 2.0
-    low = density * half / special.gammainccinv(half, tail)
-    high = density * half / special.gammaincinv(half, tail)
+    tail = (1.0 - confidence) / 2.0
+    # all bins but one or two have the same degrees of freedom
+    half, own = np.unique(degrees / 2.0, return_inverse=True)
+    low = density * (half / special.gammainccinv(half, tail))[own]
+    high = density * (half / special.gammaincinv(half, tail))[own]
     return low, high

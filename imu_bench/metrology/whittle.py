@@ -18,6 +18,7 @@ from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.noise_model import (
     coefficient_unit,
     density_basis,
+    gauss_markov_density,
     NoiseModel,
     TERM_NAMES,
     TERMS,
@@ -76,6 +77,7 @@ def fit(
     terms: str = SPECTRAL_TERMS,
     valid: npt.ArrayLike | None = None,
     shortest_tau: float = 0.0,
+    correlation_time: float | None = None,
 ) -> NoiseModel:
     """
     Return Q, N, B and K by maximum Whittle likelihood.
@@ -99,7 +101,10 @@ def fit(
         False where a sample is missing; the longest piece without gaps is used.
     shortest_tau : float
         Frequencies above 1/(2 shortest_tau) are left out, to look at what an Allan variance
-        from this averaging time in s on looks at (`NoiseModel.tau_low`).
+        from this averaging time in s on looks at (`NoiseModel.tau_flat`).
+    correlation_time : float, optional
+        Fit one Gauss-Markov process of this T_c in s besides, so that a bias with a memory is
+        not taken for one of the terms.
 
     Returns
     -------
@@ -109,8 +114,8 @@ def fit(
     Raises
     ------
     DataError
-        If the data are not one-dimensional or not finite, or the rate, the confidence or the
-        terms make no sense.
+        If the data are not one-dimensional or not finite, or the rate, the confidence, the
+        terms or the correlation time make no sense.
 
     Notes
     -----
@@ -131,6 +136,8 @@ def fit(
         raise DataError(f'confidence must lie between 0 and 1, got {confidence}')
     if not terms or len(set(terms)) < len(terms) or set(terms) - set(SPECTRAL_TERMS):
         raise DataError(f'terms must be different letters of {SPECTRAL_TERMS}, got {terms!r}')
+    if correlation_time is not None and not correlation_time > 0.0:
+        raise DataError(f'correlation time must be positive, got {correlation_time} s')
     scale = float(np.std(x)) if x.size else 0.0
     if x.size < FEWEST or scale == 0.0:
         reason = (
@@ -140,9 +147,10 @@ def fit(
         )
         return _model(unit, {}, {}, confidence, reason)
     highest = 0.5 * rate_hz if shortest_tau <= 0.0 else min(0.5 / shortest_tau, 0.5 * rate_hz)
-    binned = _binned(x / scale, rate_hz, highest, terms)
+    binned = _binned(x / scale, rate_hz, highest, terms, correlation_time)
     squares = _likeliest(binned)
     found, fitted = {}, {}
+    # a process, the last row of the basis, is there for the sake of the terms
     for at, term in enumerate(terms):
         own_unit = coefficient_unit(unit, term)
         found[term] = _estimate(binned, squares, at, term, confidence).scaled(scale, own_unit)
@@ -195,7 +203,18 @@ def _longest_piece(x: Floats, valid: npt.ArrayLike | None) -> Floats:
     return piece
 
 
-def _binned(x: Floats, rate_hz: float, highest: float, terms: str) -> Binned:
+def _basis(
+    frequency: Floats, rate_hz: float, terms: str, correlation_time: float | None
+) -> Floats:
+    powers = density_basis(frequency, 1.0 / rate_hz, terms)
+    if correlation_time is None:
+        return powers
+    return np.vstack([powers, gauss_markov_density(frequency, correlation_time)])
+
+
+def _binned(
+    x: Floats, rate_hz: float, highest: float, terms: str, correlation_time: float | None
+) -> Binned:
     n = x.size
     # periodic Hann: its transform is exactly three lines
     taper = 0.5 - 0.5 * np.cos(2.0 * np.pi / n * np.arange(n))
@@ -214,7 +233,8 @@ def _binned(x: Floats, rate_hz: float, highest: float, terms: str) -> Binned:
             starts.append(int(start))
     parts = zip(starts, [*starts[1:], frequency.size], strict=True)
     rows = [
-        _bin(power[a:b], density_basis(frequency[a:b], 1.0 / rate_hz, terms)) for a, b in parts
+        _bin(power[a:b], _basis(frequency[a:b], rate_hz, terms, correlation_time))
+        for a, b in parts
     ]
     density, basis, degrees = zip(*rows, strict=True)
     return Binned(np.array(density), np.array(basis).T, np.array(degrees))

@@ -225,19 +225,20 @@ def test_any_curve_gives_numbers_or_a_reason(logs, ratio, terms):
     assert np.all(np.isfinite(model.deviation([0.01, 1.0, 1e4])))
 
 
-def test_a_low_pass_filter_bends_the_start_and_is_left_out():
+def test_a_low_pass_filter_bends_the_start_and_is_part_of_the_fit():
     rng = np.random.default_rng(5)
     x = 0.05 * rng.standard_normal(2**18)
     b, a = signal.butter(1, 41.0 / 100.0)
     curve = allan.deviation(signal.lfilter(b, a, x)[1000:], 200.0)
     model = coefficients.fit(curve)
     true = 0.05 / math.sqrt(200.0)
-    assert model.N.value == pytest.approx(true, rel=0.03)
-    assert model.tau_low > 0.02
-    assert 'averaging times below' in model.flags[0] and 'filter' in model.flags[0]
+    assert model.N.value == pytest.approx(true, rel=0.01)
+    assert model.tau_low == 0.005
+    assert model.low_pass.cutoff == pytest.approx(41.0, rel=0.05)
+    assert 'low-pass filter of about 41 Hz' in model.flags[0]
     plain = coefficients.fit(allan.deviation(x, 200.0))
-    assert plain.tau_low == 0.005
-    assert not any('left out' in flag for flag in plain.flags)
+    assert plain.tau_low == 0.005 and plain.low_pass is None
+    assert not plain.flags
 
 
 def test_a_vibration_is_left_out_too():

@@ -194,3 +194,27 @@ def test_block_averages():
 def test_bad_input_is_named(data, rate_hz, text):
     with pytest.raises(DataError, match=text):
         gauss_markov.autocorrelation(data, rate_hz)
+
+
+@pytest.mark.slow
+def test_white_noise_widens_the_intervals_of_the_decay():
+    rng = np.random.default_rng(31)
+    truth, held, runs = Process(1.0, 10.0), 0, 200
+    for _ in range(runs):
+        x = truth.simulate(2000, 1.0, rng) + 1.5 * rng.standard_normal(2000)
+        decay = gauss_markov.from_autocorrelation(
+            gauss_markov.autocorrelation(x, 1.0, longest_s=120.0)
+        )
+        held += decay.T_c.low < 10.0 < decay.T_c.high
+    assert 0.9 * runs < held < runs
+
+
+def test_a_decay_deep_in_white_noise_is_not_observable():
+    value = np.exp(-np.arange(121) / 10.0)
+    lag = np.arange(121.0)
+    clear = gauss_markov.Autocorrelation(lag, value, '1', 2000.0)
+    assert gauss_markov.from_autocorrelation(clear).T_c.value == pytest.approx(10.0)
+    buried = value + 9.0 * (lag == 0.0)
+    found = gauss_markov.from_autocorrelation(replace(clear, value=buried))
+    assert found.process is None
+    assert 'white noise hides' in found.T_c.reason

@@ -5,6 +5,7 @@ import math
 
 from imu_bench.errors import DataError
 from imu_bench.metrology import allan, coefficients, whittle
+from imu_bench.metrology.gauss_markov import Process
 import numpy as np
 import pytest
 from scipy import fft
@@ -149,3 +150,19 @@ def test_any_scale(factor):
     assert whittle.fit(factor * x, RATE_HZ).N.value == pytest.approx(
         factor * whittle.fit(x, RATE_HZ).N.value
     )
+
+
+def test_a_process_with_a_memory_is_not_taken_for_a_term():
+    for seed in range(5):
+        rng = np.random.default_rng([12, seed])
+        x = white(2**16, rng) + Process(2e-3, 10.0).simulate(2**16, RATE_HZ, rng)
+        model = whittle.fit(x, RATE_HZ, terms='NBK', correlation_time=10.0)
+        assert model.N.value == pytest.approx(2e-3, rel=0.02)
+        assert not model.B.observable and not model.K.observable
+        alone = whittle.fit(x, RATE_HZ, terms='NBK')
+        assert alone.B.observable or alone.K.observable
+
+
+def test_a_correlation_time_is_positive():
+    with pytest.raises(DataError, match='correlation time'):
+        whittle.fit(white(1000, np.random.default_rng(1)), RATE_HZ, correlation_time=-1.0)

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""White noise behind the low-pass filter that every sensor has: N as before, and nothing else."""
+
+import math
+
+from imu_bench.metrology import allan, coefficients
+from imu_bench.metrology.gauss_markov import Process
+from imu_bench.metrology.noise_fit import fitted
+import numpy as np
+import pytest
+from scipy import signal
+
+RATE_HZ = 100.0
+TRUE = 0.1
+"""N of white noise with a standard deviation of one."""
+
+
+def curve(x):
+    return allan.deviation(x, RATE_HZ, unit='rad/s')
+
+
+def behind(order, share, x):
+    """Return what a filter leaves, settled."""
+    return signal.lfilter(*signal.butter(order, 2.0 * share), x)[2000:]
+
+
+def white(seed, run, n=50_000):
+    return np.random.default_rng([seed, run]).standard_normal(n + 2000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('order', [1, 2])
+@pytest.mark.parametrize('share', [0.05, 0.2, 0.45])
+@pytest.mark.parametrize(('n', 'runs'), [(5000, 60), (50_000, 60), (1_000_000, 8)])
+def test_n_has_no_bias_its_interval_holds_and_nothing_else_appears(order, share, n, runs):
+    models = [
+        coefficients.fit(curve(behind(order, share, white(21, run, n)))) for run in range(runs)
+    ]
+    errors = np.array([model.N.value for model in models]) / TRUE - 1.0
+    scatter = 3.0 * errors.std() / math.sqrt(runs)
+    assert abs(errors.mean()) < max(0.01, scatter)
+    held = sum(model.N.low <= TRUE <= model.N.high for model in models)
+    # 95 % less three standard deviations of the binomial
+    assert held >= 0.95 * runs - 3.0 * math.sqrt(0.95 * 0.05 * runs)
+    assert sum(model.B.observable or model.K.observable for model in models) <= 0.05 * runs
+    cutoffs = [m.low_pass.cutoff for m in models if m.low_pass is not None]
+    assert len(cutoffs) > 0.9 * runs
+    assert np.median(cutoffs) == pytest.approx(share * RATE_HZ, rel=0.1)
+
+
+def test_the_filter_is_named_and_the_curve_drawn_from_its_first_point():
+    seen = curve(behind(1, 0.2, white(22, 0, 200_000)))
+    model = coefficients.fit(seen)
+    assert model.tau_low == seen.tau[0] and model.tau_flat == pytest.approx(5.0 / 20.0, rel=0.05)
+    assert any('low-pass filter of about 20 Hz' in flag for flag in model.flags)
+    assert not any('left out' in flag or 'do not describe' in flag for flag in model.flags)
+    first = seen.tau < 0.5
+    np.testing.assert_allclose(model.deviation(seen.tau)[first], seen.deviation[first], rtol=0.02)
+    assert 'low-pass' in model.Q.reason
+    assert model.Q.high == pytest.approx(seen.deviation[0] * seen.tau[0] / math.sqrt(3.0))
+
+
+def test_without_a_filter_none_is_found():
+    found = [coefficients.fit(curve(white(23, run))).low_pass for run in range(30)]
+    assert sum(f is not None for f in found) <= 1
+
+
+def test_slower_noise_is_found_behind_a_filter():
+    for run in range(5):
+        rng = np.random.default_rng([24, run])
+        x = rng.standard_normal(202_000)
+        x += np.cumsum(3e-3 * rng.standard_normal(x.size))
+        model = coefficients.fit(curve(behind(1, 0.1, x)))
+        assert model.low_pass is not None and model.terms == 'NK'
+        assert model.N.value == pytest.approx(TRUE, rel=0.02)
+        assert model.K.value == pytest.approx(3e-3 * math.sqrt(RATE_HZ), rel=0.35)
+
+
+@pytest.mark.parametrize(
+    'filtered',
+    [
+        lambda x: np.convolve(x, np.ones(8) / 8.0, 'valid'),
+        lambda x: np.convolve(x, np.ones(3) / 3.0, 'valid'),
+        lambda x: behind(4, 0.1, x),
+        lambda x: np.round(behind(2, 0.1, x) / 0.3) * 0.3,
+    ],
+    ids=['average of 8', 'average of 3', 'order 4', 'rounded'],
+)
+def test_a_filter_of_another_kind_is_left_to_the_part_that_all_share(filtered):
+    models = [coefficients.fit(curve(filtered(white(25, run, 200_000)))) for run in range(10)]
+    assert np.mean([m.N.value for m in models]) == pytest.approx(TRUE, rel=0.015)
+    assert sum(m.N.low <= TRUE <= m.N.high for m in models) >= 8
+    assert not any(m.B.observable or m.K.observable for m in models)
+    assert all(any('left out' in flag for flag in m.flags) for m in models)
+
+
+def test_a_process_is_found_behind_a_filter_and_leaves_n():
+    found = 0
+    for run in range(6):
+        rng = np.random.default_rng([26, run])
+        x = rng.standard_normal(202_000) + Process(0.3, 20.0).simulate(202_000, RATE_HZ, rng)
+        model = fitted(curve(behind(1, 0.2, x)))
+        assert model.N.value == pytest.approx(TRUE, rel=0.04)
+        if model.gauss_markov is not None:
+            found += 1
+            assert model.gauss_markov.T_c.low < 20.0 < model.gauss_markov.T_c.high
+    assert found >= 4
+
+
+def test_any_bent_curve_gives_numbers_or_a_reason():
+    """Steps of rounding, walks, processes and filters together, power laws or not."""
+    for run in range(40):
+        rng = np.random.default_rng([27, run])
+        x = rng.standard_normal(6000) + np.cumsum(10 ** rng.uniform(-4, -1) * white(28, run, 4000))
+        x = behind(1 + run % 2, rng.uniform(0.02, 0.49), x)
+        model = fitted(curve(np.round(x / (rounding := 10 ** rng.uniform(-3, 1))) * rounding))
+        assert np.all(np.isfinite(model.deviation([0.01, 1.0, 1e4])))
+        for estimate in model.coefficients.values():
+            if estimate.observable:
+                assert 0.0 <= estimate.low <= estimate.value <= estimate.high
+            else:
+                assert estimate.reason
