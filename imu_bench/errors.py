@@ -58,3 +58,17 @@ class IdentityError(BenchError, RuntimeError):
 
 class NotReady(BenchError, RuntimeError):
     """The device or component was asked before it had anything to give."""
+
+
+def os_error_text(error: OSError) -> str:
+    """
+    Return what the operating system refused, and for which file.
+
+    Examples
+    --------
+    >>> os_error_text(FileNotFoundError(2, 'No such file or directory', '/tmp/a/b.json'))
+    '/tmp/a/b.json: No such file or directory'
+    """
+    if error.strerror and error.filename is not None:
+        return f'{error.filename}: {error.strerror}'
+    return error.strerror or str(error) or type(error).__name__

@@ -15,9 +15,19 @@ from typing import BinaryIO
 import zlib
 
 from imu_bench.bags import mcap_records as rec
+from imu_bench.bags.ahead import ahead
 from imu_bench.bags.block import Block, Channel
 from imu_bench.bags.buffers import Buffer, gather, Ints
-from imu_bench.bags.compression import expand, expand_part, MAX_EXPANDED
+from imu_bench.bags.compression import MAX_EXPANDED
+from imu_bench.bags.mcap_chunks import (
+    grouped,
+    load,
+    load_chunk,
+    Loaded,
+    Messages,
+    messages_of,
+    walked,
+)
 from imu_bench.bags.problems import Problems
 from imu_bench.errors import RecordingError
 import numpy as np
@@ -91,13 +101,12 @@ class McapFile:
         for number, channel in self._catalogue.channels.items():
             if channel.topic in topics:
                 groups.setdefault(channel, []).append(number)
-        with self.path.open('rb') as file:
-            for buffer, messages in self._runs(file):
-                for channel, numbers in groups.items():
-                    offsets = [messages[number] for number in numbers if number in messages]
-                    if offsets:
-                        joined = offsets[0] if len(offsets) == 1 else np.sort(np.hstack(offsets))
-                        yield _block(channel, buffer, joined)
+        for buffer, messages in self._runs():
+            for channel, numbers in groups.items():
+                offsets = [messages[number] for number in numbers if number in messages]
+                if offsets:
+                    joined = offsets[0] if len(offsets) == 1 else np.sort(np.hstack(offsets))
+                    yield _block(channel, buffer, joined)
 
     @property
     def problems(self) -> list[str]:
@@ -109,21 +118,23 @@ class McapFile:
 
     # --- the parts of a file ---------------------------------------------------------
 
-    def _runs(self, file: BinaryIO) -> Iterator[tuple[Buffer, dict[int, Ints]]]:
-        """Yield buffers with the offsets of their messages' contents by channel."""
-        places: Iterator[rec.ChunkPlace | Buffer]
-        places = iter(self._chunks) if self._chunks is not None else self._sections(file)
-        for place in places:
-            if not isinstance(place, rec.ChunkPlace):
-                yield place, _by_channel(place, rec.walk(place))
-                continue
-            loaded = self._load(file, place)
-            if loaded is not None:
-                buffer, index = loaded
-                messages = _indexed(buffer, index) if index else None
-                if messages is None:
-                    messages = _by_channel(buffer, self._walk(buffer, place))
-                yield buffer, messages
+    def _runs(self) -> Iterator[Messages]:
+        """Yield all messages of the file, those of a few chunks at a time."""
+        with self.path.open('rb') as file:
+            places = self._sections(file) if self._chunks is None else self._chunks
+            for loaded in ahead(self._load, grouped(places)):
+                self._tell(loaded.problems)
+                yield from loaded.messages
+
+    def _load(self, place: list[rec.ChunkPlace] | Buffer) -> Loaded:
+        """Return the messages of some chunks, or of a window of loose records."""
+        if isinstance(place, list):
+            return load(self.path, self._size, place)
+        return Loaded([walked(place)])
+
+    def _tell(self, problems: list[str]) -> None:
+        for problem in problems:
+            self._problems.add(problem, 'damaged chunks')
 
     def _sections(self, file: BinaryIO) -> Iterator[rec.ChunkPlace | Buffer]:
         """Yield, from the first byte to the last, chunks and windows of loose records."""
@@ -167,47 +178,6 @@ class McapFile:
             position = after
         return position - start
 
-    def _load(
-        self, file: BinaryIO, place: rec.ChunkPlace
-    ) -> tuple[Buffer, dict[int, Ints]] | None:
-        """Return the records of a chunk and its message indexes; None if it is damaged."""
-        index: dict[int, Ints] = {}
-        try:
-            length = min(place.length + place.index_length, self._size - place.start)
-            if not 0 < length <= MAX_EXPANDED:
-                raise RecordingError('its place or length is not possible')
-            data = memoryview(self._read(file, place.start, length))
-            opcode, size = rec.RECORD.unpack_from(data)
-            if opcode != rec.CHUNK or rec.RECORD.size + size != place.length:
-                raise RecordingError('no chunk here')
-            chunk = rec.parse_chunk(data[rec.RECORD.size : place.length])
-            if not chunk.complete:
-                self._problems.add(
-                    f'cut off or damaged in the chunk at byte {place.start}', 'damaged chunks'
-                )
-                return expand_part(chunk.records, chunk.compression), index
-            index = _message_indexes(data, place.length)
-            buffer = expand(chunk.records, chunk.compression, chunk.size)
-            if chunk.crc and zlib.crc32(buffer) != chunk.crc:
-                raise RecordingError('its checksum does not match')
-        except (RecordingError, struct.error, ValueError) as problem:
-            lost = sum(offsets.size for offsets in index.values())
-            self._problems.add(
-                f'damaged chunk at byte {place.start} skipped ({problem}); '
-                f'{lost if index else "an unknown number of"} messages lost',
-                'damaged chunks',
-            )
-            return None
-        return buffer, index
-
-    def _walk(self, buffer: Buffer, place: rec.ChunkPlace) -> rec.Records:
-        records = rec.walk(buffer)
-        if records.end < len(buffer):
-            self._problems.add(
-                f'cut off or damaged in the chunk at byte {place.start}', 'damaged chunks'
-            )
-        return records
-
     def _read(self, file: BinaryIO, start: int, size: int) -> bytes:
         """Return bytes of the file; less where it ends, or if there is no such place."""
         if start >= self._size:
@@ -241,64 +211,23 @@ class McapFile:
         catalogue = rec.Catalogue()
         counts: Counter[int] = Counter()
         for place in self._sections(file):
-            loaded = self._load(file, place) if isinstance(place, rec.ChunkPlace) else (place, {})
-            if loaded is None:
+            problems: list[str] = []
+            known: dict[int, Ints] = {}
+            found: Messages | None = None
+            if not isinstance(place, rec.ChunkPlace):
+                found = walked(place)
+            elif (chunk := load_chunk(file, self._size, place, problems)) is not None:
+                found, known = messages_of(chunk, problems), chunk.indexes
+            self._tell(problems)
+            if found is None:
                 continue
-            buffer, index = loaded
-            messages = _indexed(buffer, index) if index else None
-            if messages is None or not index.keys() <= catalogue.channels.keys():
-                records = rec.walk(buffer)
-                messages = _by_channel(buffer, records)
+            if not known or not known.keys() <= catalogue.channels.keys():
                 try:
-                    catalogue.add_all(buffer, records)
+                    catalogue.add_all(found.buffer, rec.walk(found.buffer))
                 except struct.error as problem:
                     self._problems.add(f'a damaged channel or schema was skipped: {problem}')
-            counts.update({number: offsets.size for number, offsets in messages.items()})
+            counts.update({number: mine.size for number, mine in found.offsets.items()})
         return catalogue, counts
-
-
-def _message_indexes(data: memoryview, start: int) -> dict[int, Ints]:
-    """Return the offsets of the contents of messages by channel, from the index records."""
-    records = rec.walk(data, start)
-    index = {}
-    for offset, size in zip(records.offsets.tolist(), records.sizes.tolist(), strict=True):
-        number, offsets = rec.parse_message_index(data[offset : offset + size])
-        if offsets.size:
-            index[number] = offsets + rec.RECORD.size
-    return index
-
-
-def _indexed(buffer: Buffer, index: dict[int, Ints]) -> dict[int, Ints] | None:
-    """Return the message indexes if they name every message of the chunk, else None."""
-    offsets = np.concatenate(list(index.values()))
-    numbers = np.repeat(list(index), [mine.size for mine in index.values()])
-    if offsets.min() < rec.RECORD.size or offsets.max() + rec.MESSAGE_HEADER > len(buffer):
-        return None
-    sizes = gather(buffer, '<i8', offsets - 8)
-    fits = (
-        (gather(buffer, 'u1', offsets - rec.RECORD.size) == rec.MESSAGE)
-        & (gather(buffer, '<u2', offsets) == numbers)
-        & (sizes >= rec.MESSAGE_HEADER)
-        & (sizes <= len(buffer) - offsets)
-    )
-    if not fits.all():
-        return None
-    order = np.argsort(offsets)
-    starts = np.append(offsets[order] - rec.RECORD.size, len(buffer))
-    ends = np.concatenate(([0], (offsets + sizes)[order]))
-    for gap in np.flatnonzero(starts != ends).tolist():
-        between = memoryview(buffer)[int(ends[gap]) : int(starts[gap])]
-        records = rec.walk(between)
-        if records.end < starts[gap] - ends[gap] or (records.opcodes == rec.MESSAGE).any():
-            return None
-    return index
-
-
-def _by_channel(buffer: Buffer, records: rec.Records) -> dict[int, Ints]:
-    found = (records.opcodes == rec.MESSAGE) & (records.sizes >= rec.MESSAGE_HEADER)
-    offsets = records.offsets[found]
-    numbers = gather(buffer, '<u2', offsets)
-    return {int(number): offsets[numbers == number] for number in np.unique(numbers)}
 
 
 def _block(channel: Channel, buffer: Buffer, offsets: Ints) -> Block:

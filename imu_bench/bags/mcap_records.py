@@ -28,6 +28,8 @@ _FIRST_PRIVATE = 0x80
 RECORD = struct.Struct('<BQ')
 """Opcode and length of the content before every record."""
 
+_INDEX_HEAD = struct.Struct('<HI')
+
 MESSAGE_HEADER = 22
 """Bytes of channel id, sequence, log time and publish time before the data of a message."""
 
@@ -169,11 +171,17 @@ def parse_chunk(content: Buffer) -> PackedChunk:
 
 
 def parse_message_index(content: Buffer) -> tuple[int, npt.NDArray[np.int64]]:
-    """Return a channel id and the offsets of its messages in the chunk, ascending."""
-    cursor = _Cursor(content)
-    channel, length = cursor.take('HI')
-    entries = np.frombuffer(cursor.bytes(length), '<i8').reshape(-1, 2)
-    return channel, np.sort(entries[:, 1])
+    """
+    Return a channel id and the offsets of its messages in the chunk, as they are listed.
+
+    Raises
+    ------
+    struct.error, ValueError
+        If the record is damaged.
+    """
+    channel, length = _INDEX_HEAD.unpack_from(content)
+    entries = np.frombuffer(content, '<i8', length // 8, _INDEX_HEAD.size)
+    return channel, entries.reshape(-1, 2)[:, 1]
 
 
 class ChunkPlace(NamedTuple):

@@ -4,17 +4,19 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imu_bench.cli.main import complain, DONE, FAULT, os_error_text
-from imu_bench.errors import BenchError, RecordingError
+from imu_bench.cli.main import complain, DONE, FAULT
+from imu_bench.cli.outputs import check_folder, check_output
+from imu_bench.errors import BenchError
 
 if TYPE_CHECKING:
-    from imu_bench.offline.analyse import Settings
-    from imu_bench.offline.recordings import ReadOptions
-    from imu_bench.offline.results import Analysis, Failure, RecordingResult
+    from imu_bench.offline.failure import Failure
+    from imu_bench.offline.results import Analysis, RecordingResult
+    from imu_bench.offline.settings import Settings
+    from imu_bench.offline.workers import Workers
 
 _DESCRIPTION = """\
 Reads ROS 2 bags, ROS 1 bags and text files, checks the health of every Imu topic, and measures
@@ -55,20 +57,31 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the results')
     parser.add_argument('--html', type=Path, metavar='FILE', help='write the report')
     parser.add_argument(
+        '--figures', type=Path, metavar='DIR', help='write figures as SVG, PDF and PNG'
+    )
+    parser.add_argument(
         '--strict', action='store_true', help='exit code 1 if a severe finding was made'
+    )
+    parser.add_argument(
+        '--jobs', type=int, metavar='N', help='processes; as many as there are cores by default'
+    )
+    parser.add_argument(
+        '--scheduler', metavar='ADDRESS', help='work on this Dask cluster, as in tcp://host:8786'
+    )
+    parser.add_argument(
+        '--cache', metavar='DIR', help='keep the columns of recordings there; none for nothing'
     )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Analyse the inputs and return the exit code."""
-    # imported here: help must not wait for scipy
-    from imu_bench.cli import table
-    from imu_bench.offline import results
-    from imu_bench.offline.analyse import Settings
-    from imu_bench.offline.comparison import compare
+    # imported here and below: help must not wait for scipy, nor reading for the report
+    from imu_bench.cli import running
     from imu_bench.offline.recordings import ReadOptions
+    from imu_bench.offline.settings import Settings
 
+    running.one_thread_each()
     options = ReadOptions(
         topics=tuple(arguments.topic),
         rate_hz=arguments.rate,
@@ -82,23 +95,45 @@ def run(arguments: argparse.Namespace) -> int:
         window_ns=arguments.window,
         reference=arguments.reference,
     )
-    for output in (arguments.json, arguments.html):
-        _check_output(output)
+    _check_outputs(arguments)
+    failures: list[Failure] = []
+    paths = [path for given in arguments.inputs for path in _recordings(given, failures)]
+    with running.workers(arguments, paths) as workers:
+        found = running.analyse(arguments, paths, options, settings, workers, failures)
+        return _present(found, failures, settings, arguments, workers)
 
-    found: list[RecordingResult] = []
-    failures: list[results.Failure] = []
-    for given in arguments.inputs:
-        for path in _recordings(given, failures):
-            found.extend(_analyse(path, options, settings, failures))
+
+def _check_outputs(arguments: argparse.Namespace) -> None:
+    for output in (arguments.json, arguments.html):
+        check_output(output)
+    if arguments.figures is not None:
+        from imu_bench.offline.figure_files import require
+
+        require()
+        check_folder(arguments.figures)
+
+
+def _present(
+    found: Sequence[RecordingResult],
+    failures: Sequence[Failure],
+    settings: Settings,
+    arguments: argparse.Namespace,
+    workers: Workers,
+) -> int:
+    """Show and write the results; return the exit code."""
+    from imu_bench.cli import table
+    from imu_bench.offline.comparison import compare
+    from imu_bench.offline.results import Analysis
+
     if not found:
         return FAULT
     compared = compare(found, settings.reference)
     asked = {name: getattr(arguments, name) for name in ('topic', 'rate', 'columns', 'units')}
-    analysis = results.Analysis(
+    analysis = Analysis(
         tuple(found), tuple(failures), settings.to_json() | asked, compared.to_json()
     )
     table.show(analysis, compared, si=arguments.si)
-    _write(analysis, arguments)
+    _write(analysis, arguments, workers)
     severe = any(recording.health.severity == 'severe' for recording in found)
     if arguments.strict and severe:
         complain('a recording has severe findings (--strict)')
@@ -108,64 +143,30 @@ def run(arguments: argparse.Namespace) -> int:
 def _recordings(path: str, failures: list[Failure]) -> Sequence[Path]:
     """Return the recording named, or those found in a folder named."""
     from imu_bench.offline.recordings import find_recordings
+    from imu_bench.offline.failure import Failure
 
     try:
         return find_recordings(path)
     except BenchError as error:
-        _fail(path, error, failures)
+        complain(str(error))
+        failures.append(Failure(path, str(error)))
         return ()
 
 
-def _analyse(
-    path: Path, options: ReadOptions, settings: Settings, failures: list[Failure]
-) -> Iterator[RecordingResult]:
-    """Yield the results of every topic of one recording; what fails is reported and kept."""
-    from imu_bench.cli.progress import Bar
-    from imu_bench.offline.analyse import analyse
-    from imu_bench.offline.recordings import load_all, open_source
-
-    errors: list[BenchError | OSError] = []
-    try:
-        with Bar() as bar, open_source(path, options) as source:
-            topics = source.select(options.topics)
-            recordings = load_all(source, topics, bar.phase(f'reading {path.name}'))
-            for recording in recordings:
-                step = bar.phase(f'analysing {recording.topic}')
-                try:
-                    yield analyse(recording, settings, problems=source.problems, progress=step)
-                except BenchError as error:
-                    errors.append(error)
-    except (BenchError, OSError) as error:
-        errors.append(error)
-    for problem in errors:
-        _fail(path, problem, failures)
-
-
-def _fail(path: str | Path, error: BenchError | OSError, failures: list[Failure]) -> None:
-    from imu_bench.offline.results import Failure
-
-    message = str(error) if isinstance(error, BenchError) else os_error_text(error)
-    complain(message)
-    failures.append(Failure(str(path), message))
-
-
-def _write(analysis: Analysis, arguments: argparse.Namespace) -> None:
+def _write(analysis: Analysis, arguments: argparse.Namespace, workers: Workers) -> None:
     from imu_bench.offline import report, results
 
-    for output, write in ((arguments.json, results.write), (arguments.html, report.write)):
-        if output is not None:
-            write(analysis, output)
-            print(f'wrote {output}')
+    if arguments.json is not None:
+        results.write(analysis, arguments.json)
+        print(f'wrote {arguments.json}')
+    if arguments.html is not None:
+        report.write(analysis, arguments.html, workers)
+        print(f'wrote {arguments.html}')
+    if arguments.figures is not None:
+        from imu_bench.offline.figure_files.write import write as write_figures
 
-
-def _check_output(path: Path | None) -> None:
-    """Refuse an output that cannot be written before hours of work, not after."""
-    if path is None:
-        return
-    if path.is_dir():
-        raise RecordingError(f'{path} is a folder: name a file to write')
-    if not path.parent.is_dir():
-        raise RecordingError(f'{path}: the folder {path.parent} does not exist')
+        files = write_figures(analysis, arguments.figures)
+        print(f'wrote {len(files)} files in {arguments.figures}')
 
 
 def _numbers(text: str) -> tuple[float, ...]:

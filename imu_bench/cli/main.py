@@ -19,7 +19,7 @@ import re
 import sys
 
 from imu_bench import __version__
-from imu_bench.errors import BenchError
+from imu_bench.errors import BenchError, os_error_text
 
 PACKAGE = 'imu_bench.cli'
 
@@ -105,20 +105,6 @@ def complain(message: str) -> None:
     line = ' '.join(message.split())
     shown = ''.join(c if c.isprintable() else f'\\x{ord(c):02x}' for c in line)
     print(f'imu-bench: error: {shown}', file=sys.stderr)
-
-
-def os_error_text(error: OSError) -> str:
-    """
-    Return what the operating system refused, and for which file.
-
-    Examples
-    --------
-    >>> os_error_text(FileNotFoundError(2, 'No such file or directory', '/tmp/a/b.json'))
-    '/tmp/a/b.json: No such file or directory'
-    """
-    if error.strerror and error.filename is not None:
-        return f'{error.filename}: {error.strerror}'
-    return error.strerror or str(error) or type(error).__name__
 
 
 if __name__ == '__main__':

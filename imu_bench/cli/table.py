@@ -75,15 +75,15 @@ def show(
 def _findings(recording: RecordingResult, label: str, out: Console) -> None:
     health = recording.health
     size = f'{duration(health.duration_s)}, {count(health.samples, "sample")}'
-    head = Text.assemble((_clean(label), 'bold'), f'  {size}, {rate_text(health.rate)}')
+    head = Text.assemble((clean(label), 'bold'), f'  {size}, {rate_text(health.rate)}')
     out.print()
     out.print(head)
-    out.print(Text(f'{_clean(recording.source)}  {_clean(recording.topic)}', style='dim'))
+    out.print(Text(f'{clean(recording.source)}  {clean(recording.topic)}', style='dim'))
     if not health.findings:
         out.print(Text('  nothing found that casts doubt on the numbers', style='dim'))
     for finding in health.findings:
         line = Text(finding.severity, style=_COLOURS[finding.severity])
-        line.append(f' {_clean(finding.text)} {finding.effect} ', style='not bold default')
+        line.append(f' {clean(finding.text)} {finding.effect} ', style='not bold default')
         line.append(finding.action, style='not bold italic default')
         out.print(Padding(line, (0, 0, 0, 2)))
 
@@ -100,13 +100,14 @@ def _quantity(
     ]
     for with_interval in (True, False):
         table = _table(title, rows, columns, with_interval)
-        if _fits(table, out):
+        if fits(table, out):
             out.print(table)
             return
     _stacked(title, rows, columns, out)
 
 
-def _fits(table: Table, out: Console) -> bool:
+def fits(table: Table, out: Console) -> bool:
+    """Return whether a table has room without wrapping."""
     unlimited = out.options.update(width=_UNLIMITED, max_width=_UNLIMITED)
     return out.measure(table, options=unlimited).maximum <= out.width
 
@@ -132,7 +133,7 @@ def _table(
         first = label != last
         last = label
         table.add_row(
-            Text(_clean(label) if first else ''),
+            Text(clean(label) if first else ''),
             axis.letter,
             short(health.rate, 5) if first else '',
             *(
@@ -154,11 +155,11 @@ def _stacked(
     """Print one number per line, for terminals too narrow for a table."""
     out.print(Text(title, style='bold'))
     for index, (label, _, axis) in enumerate(rows):
-        out.print(Text(f'{_clean(label)} {axis.letter}'))
+        out.print(Text(f'{clean(label)} {axis.letter}'))
         for column in columns:
             out.print(Text(f'  {column.title:<14}{text(column.estimates[index])}'))
 
 
-def _clean(words: str) -> str:
+def clean(words: str) -> str:
     """Return text from a recording without characters that would steer the terminal."""
     return ''.join(c if c.isprintable() else f'\\x{ord(c):02x}' for c in words)

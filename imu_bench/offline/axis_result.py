@@ -9,8 +9,16 @@ from typing import Any
 
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.noise_model import GaussMarkov, NoiseModel
+from imu_bench.metrology.noise_model import NoiseModel
 from imu_bench.metrology.normality import Histogram
+from imu_bench.metrology.spectrum import compare_densities, NoiseDensities
+from imu_bench.offline.checks import Checks
+from imu_bench.offline.metrology_json import (
+    curve_from_json,
+    curve_to_json,
+    model_from_json,
+    model_to_json,
+)
 import numpy as np
 import numpy.typing as npt
 
@@ -28,10 +36,10 @@ STATISTICS = (
 )
 """Names of the statistics of an axis in the JSON document."""
 
-_CURVE_FLOATS = ('tau', 'deviation', 'low', 'high', 'edf')
+DENSITIES = ('sigma', 'plateau', 'allan')
+"""The ways to a noise density, in the order in which they are compared."""
+
 _DENSITY_FLOATS = ('frequency', 'density')
-_MODEL_PLAIN = ('fitted', 'method', 'tau_low', 'chi2')
-_CURVE_INTEGERS = ('m', 'terms', 'alpha')
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +60,23 @@ class Density:
     frequency: Floats
     density: Floats
     tones: tuple[tuple[Estimate, Estimate], ...] = ()
+
+    def to_json(self, unit: str) -> dict[str, Any]:
+        """Return the JSON object of the spectrum of a signal in this unit."""
+        document: dict[str, Any] = {'sided': 'one', 'unit': f'({unit})²/Hz'}
+        document |= {name: getattr(self, name).tolist() for name in _DENSITY_FLOATS}
+        tones = [{'frequency': f.to_json(), 'amplitude': a.to_json()} for f, a in self.tones]
+        return document | {'tones': tones}
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> Density:
+        """Return the spectrum that `to_json` wrote."""
+        tones = tuple(
+            (Estimate.from_json(tone['frequency']), Estimate.from_json(tone['amplitude']))
+            for tone in document['tones']
+        )
+        frequency, density = (np.array(document[n], dtype=np.float64) for n in _DENSITY_FLOATS)
+        return cls(frequency, density, tones)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +119,10 @@ class AxisResult:
         Coefficients Q, N, B, K, R.
     psd : Density or None
         Spectrum; None where the recording is too short.
+    checks : Checks or None
+        How far all this can be believed; None for an axis without any noise.
+    outliers : int or None
+        Samples too far out to belong to the noise; they are kept.
     histogram, envelope : for the report, not in the JSON document.
     """
 
@@ -105,6 +134,8 @@ class AxisResult:
     allan: DeviationCurve | None
     model: NoiseModel
     psd: Density | None = None
+    checks: Checks | None = None
+    outliers: int | None = None
     histogram: Histogram | None = None
     envelope: Envelope | None = None
 
@@ -118,6 +149,27 @@ class AxisResult:
         """Axis letter: x, y or z."""
         return self.name.rpartition('.')[2]
 
+    @property
+    def white_density(self) -> Estimate:
+        """
+        One-sided noise density to compare sensors by.
+
+        That of the fit, or of the plateau of the spectrum where the fit shows no white noise: a
+        sensor that blocks slow signals has none at long averaging times.
+        """
+        plateau = self.noise_density_methods.get('plateau')
+        if self.noise_density.value is None and plateau is not None and plateau.value is not None:
+            return plateau
+        return self.noise_density
+
+    @property
+    def densities(self) -> NoiseDensities | None:
+        """The three noise densities with a verdict, or None where one is missing."""
+        found = self.noise_density_methods
+        if not all(name in found for name in DENSITIES):
+            return None
+        return compare_densities(*(found[name] for name in DENSITIES))
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON object of one axis."""
         methods = self.noise_density_methods
@@ -125,11 +177,15 @@ class AxisResult:
         document |= {name: value.to_json() for name, value in self.statistics.items()}
         document['noise_density'] = self.noise_density.to_json()
         document['noise_density_methods'] = {n: e.to_json() for n, e in methods.items()}
-        document['allan'] = None if self.allan is None else _curve_to_json(self.allan)
+        document['allan'] = None if self.allan is None else curve_to_json(self.allan)
         document['coefficients'] = {n: e.to_json() for n, e in self.model.coefficients.items()}
-        document['model'] = _model_to_json(self.model)
-        document['psd'] = None if self.psd is None else _density_to_json(self.psd, self.unit)
-        return document
+        document['model'] = model_to_json(self.model)
+        document['psd'] = None if self.psd is None else self.psd.to_json(self.unit)
+        if (compared := self.densities) is not None:
+            document['noise_density_verdict'] = compared.verdict
+        if self.outliers is not None:
+            document['outliers'] = self.outliers
+        return document if self.checks is None else document | self.checks.to_json()
 
     @classmethod
     def from_json(cls, name: str, document: Mapping[str, Any]) -> AxisResult:
@@ -142,75 +198,9 @@ class AxisResult:
             statistics={n: Estimate.from_json(document[n]) for n in STATISTICS if n in document},
             noise_density=Estimate.from_json(document['noise_density']),
             noise_density_methods={n: Estimate.from_json(e) for n, e in methods.items()},
-            allan=None if curve is None else _curve_from_json(curve),
-            model=_model_from_json(document),
-            psd=None if density is None else _density_from_json(density),
+            allan=None if curve is None else curve_from_json(curve),
+            model=model_from_json(document),
+            psd=None if density is None else Density.from_json(density),
+            checks=Checks.from_json(document),
+            outliers=document.get('outliers'),
         )
-
-
-def _curve_to_json(curve: DeviationCurve) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        'kind': curve.kind,
-        'unit': curve.unit,
-        'confidence': curve.confidence,
-        'period': curve.period,
-        'samples': curve.samples,
-        'span': curve.span,
-    }
-    arrays = (*_CURVE_FLOATS, *_CURVE_INTEGERS)
-    document |= {name: getattr(curve, name).tolist() for name in arrays}
-    document['noise_type'] = curve.noise
-    document['omitted'] = [{'tau': tau, 'reason': reason} for tau, reason in curve.omitted]
-    return document
-
-
-def _curve_from_json(document: Mapping[str, Any]) -> DeviationCurve:
-    plain = ('kind', 'unit', 'period', 'samples', 'span', 'confidence')
-    fields: dict[str, Any] = {name: document[name] for name in plain}
-    fields |= {name: np.array(document[name], dtype=np.float64) for name in _CURVE_FLOATS}
-    fields |= {name: np.array(document[name], dtype=np.int64) for name in _CURVE_INTEGERS}
-    fields['omitted'] = tuple((row['tau'], row['reason']) for row in document['omitted'])
-    return DeviationCurve(**fields)
-
-
-def _model_to_json(model: NoiseModel) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        'fitted': dict(model.fitted),
-        'method': model.method,
-        'tau_low': model.tau_low,
-        'tau_high': model.tau_high if np.isfinite(model.tau_high) else None,
-        'chi2': model.chi2,
-        'flags': list(model.flags),
-    }
-    if model.gauss_markov is not None:
-        process = model.gauss_markov
-        document['gauss_markov'] = {'q_c': process.q_c.to_json(), 'T_c': process.T_c.to_json()}
-    return document
-
-
-def _model_from_json(document: Mapping[str, Any]) -> NoiseModel:
-    model = document['model']
-    process = model.get('gauss_markov')
-    fields: dict[str, Any] = {name: model[name] for name in _MODEL_PLAIN}
-    fields |= {name: Estimate.from_json(e) for name, e in document['coefficients'].items()}
-    if process is not None:
-        parts = {name: Estimate.from_json(e) for name, e in process.items()}
-        fields['gauss_markov'] = GaussMarkov(**parts)
-    fields['tau_high'] = np.inf if model['tau_high'] is None else model['tau_high']
-    return NoiseModel(unit=document['unit'], flags=tuple(model['flags']), **fields)
-
-
-def _density_to_json(density: Density, unit: str) -> dict[str, Any]:
-    document: dict[str, Any] = {'sided': 'one', 'unit': f'({unit})²/Hz'}
-    document |= {name: getattr(density, name).tolist() for name in _DENSITY_FLOATS}
-    tones = [{'frequency': f.to_json(), 'amplitude': a.to_json()} for f, a in density.tones]
-    return document | {'tones': tones}
-
-
-def _density_from_json(document: Mapping[str, Any]) -> Density:
-    tones = tuple(
-        (Estimate.from_json(tone['frequency']), Estimate.from_json(tone['amplitude']))
-        for tone in document['tones']
-    )
-    frequency, density = (np.array(document[n], dtype=np.float64) for n in _DENSITY_FLOATS)
-    return Density(frequency, density, tones)

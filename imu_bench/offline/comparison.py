@@ -199,7 +199,7 @@ def _rank(
 
 
 def _overall(axes: Sequence[AxisResult]) -> Estimate:
-    seen = [axis.noise_density for axis in axes if axis.noise_density.value]
+    seen = [axis.white_density for axis in axes if axis.white_density.value]
     if not seen:
         first = axes[0].noise_density
         return Estimate.not_observable(first.unit, 'no axis shows white noise')
@@ -246,7 +246,7 @@ def _verdicts(recording: RecordingResult, label: str) -> Iterator[Verdict]:
 
 def _against(sheet: Typical, axis: AxisResult, position: int, label: str) -> Iterator[Verdict]:
     lines = [
-        ('noise density', axis.noise_density, sheet.noise_density),
+        ('noise density', axis.white_density, sheet.noise_density),
         ('bias instability', axis.model.B, sheet.bias_instability),
     ]
     for parameter, measured, given in lines:

@@ -195,6 +195,8 @@ def _interval(value: float, low: float, high: float) -> str:
     scale = _exponent(max(abs(low), abs(high)), 2)
     factor, suffix = (1.0, '') if -4 <= scale < 7 else (10.0**scale, _power(scale))
     decimals = 1 if math.isinf(step) else -_exponent(step / factor, 1)
+    if value != 0.0:  # two digits at least, or 5.3 would read as 5
+        decimals = max(decimals, 1 - _exponent(value / factor, 2))
     shown = (_fixed(v / factor, decimals) for v in (value, low, high))
     return '{} ({} to {}){}'.format(*shown, suffix)
 

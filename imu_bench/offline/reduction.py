@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from imu_bench.metrology import workspace
 from imu_bench.metrology.normality import Histogram, histogram
 from imu_bench.metrology.spectrum import Spectrum
 from imu_bench.metrology.timing import Grid
@@ -40,7 +41,9 @@ def envelope(values: Floats, grid: Grid, start_s: float = 0.0, pieces: int = _PI
     >>> e.low.tolist(), e.high.tolist()
     ([0.0, 2.0, 4.0], [1.0, 3.0, 5.0])
     """
-    kept, index = (values, grid.index) if grid.keep.all() else (values[grid.keep], _kept(grid))
+    kept, index = values, grid.index
+    if not grid.keep.all():
+        kept, index = (workspace.chosen(array, grid.keep) for array in (values, grid.index))
     edges = np.unique(np.linspace(0, grid.span, min(pieces, grid.span) + 1).astype(np.int64))
     starts = np.searchsorted(index, edges)
     filled = starts[:-1] < starts[1:]
@@ -90,7 +93,3 @@ def bands(spectrum: Spectrum, per_decade: int = _PER_DECADE) -> Density:
         np.add.reduceat(spectrum.frequency, starts) / sizes,
         np.add.reduceat(spectrum.density, starts) / sizes,
     )
-
-
-def _kept(grid: Grid) -> npt.NDArray[np.int64]:
-    return grid.index[grid.keep]

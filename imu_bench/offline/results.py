@@ -20,6 +20,7 @@ from imu_bench import __version__
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.normality import Histogram
 from imu_bench.offline.axis_result import AxisResult
+from imu_bench.offline.failure import Failure
 from imu_bench.offline.health import Health
 
 SCHEMA = 'imu_bench.analysis/1'
@@ -56,6 +57,11 @@ class RecordingResult:
     axes: Mapping[str, AxisResult]
     intervals: Histogram | None = None
 
+    @property
+    def where(self) -> str:
+        """Names the recording in error texts."""
+        return f'{self.source}, topic {self.topic}'
+
     def of(self, quantity: str) -> list[AxisResult]:
         """Return the axes of one quantity, in the order x, y, z."""
         return [axis for axis in self.axes.values() if axis.quantity == quantity]
@@ -86,14 +92,6 @@ class RecordingResult:
             health=Health.from_json(document['health']),
             axes={n: AxisResult.from_json(n, d) for n, d in document['axes'].items()},
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Failure:
-    """An input that could not be analysed, and why."""
-
-    source: str
-    error: str
 
 
 @dataclass(frozen=True, eq=False)

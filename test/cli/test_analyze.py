@@ -280,3 +280,23 @@ class TestRealRecordings:
             numbers = recording.axes[names[name]].statistics
             assert numbers['mean'].value == pytest.approx(expected['mean'][position], rel=1e-9)
             assert numbers['std'].value == pytest.approx(expected['std_ddof1'][position], rel=1e-9)
+
+
+class TestFigures:
+    def test_they_are_written_into_a_new_folder(self, imu_bench, write_csv, tmp_path):
+        folder = tmp_path / 'figures'
+        code, out, err = imu_bench('analyze', write_csv(), '--figures', folder)
+        assert (code, err) == (0, '')
+        assert f'wrote 24 files in {folder}' in out
+        assert (folder / 'chip-linear_acceleration-allan.pdf').stat().st_size > 1000
+
+    @pytest.mark.parametrize(
+        ('name', 'words'), [('file', 'is a file'), ('none/figures', 'does not exist')]
+    )
+    def test_a_place_that_cannot_be_is_refused_first(
+        self, imu_bench, write_csv, tmp_path, name, words
+    ):
+        (tmp_path / 'file').write_text('')
+        code, out, err = imu_bench('analyze', write_csv(), '--figures', tmp_path / name)
+        assert (code, out) == (1, '')
+        assert words in one_line(err)

@@ -64,3 +64,18 @@ def test_json_has_ranking_and_verdicts(two):
     document = compare(two).to_json()
     assert [row['label'] for row in document['ranking']['angular_velocity']]
     assert document['datasheet'] == []
+
+
+def test_a_sensor_that_blocks_slow_signals_is_ranked_by_its_plateau(two):
+    bound = Estimate.not_observable('m/s²/√Hz', 'no white noise', high=1e-6)
+    plateau = Estimate(3e-3, 2.9e-3, 3.1e-3, 'm/s²/√Hz')
+    axes = {
+        axis.name: replace(axis, noise_density=bound, noise_density_methods={'plateau': plateau})
+        for axis in two[0].of('linear_acceleration')
+    }
+    blocked = replace(two[0], topic='/bench/mpu9250/imu/data_raw', axes=axes)
+    compared = compare([blocked])
+    [standing] = compared.standings['linear_acceleration']
+    assert standing.noise_density.value == pytest.approx(3e-3)
+    # 306 µg/√Hz against 300 of the datasheet, and not "better" for a bound of 0.1
+    assert {v.verdict for v in compared.verdicts} == {'as specified'}

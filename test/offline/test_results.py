@@ -54,6 +54,36 @@ def test_fixed_names(analysis):
     assert first['health']['rate']['unit'] == 'Hz'
 
 
+def test_names_of_what_qualifies_the_numbers(analysis):
+    axis = analysis.to_json()['recordings'][0]['axes']['linear_acceleration.x']
+    for name in ('coefficients_whittle', 'coefficients_tangent'):
+        assert {Estimate.from_json(axis[name][term]).unit for term in COEFFICIENTS}
+    assert axis['disagreements'] == []
+    assert axis['noise_density_verdict'] == '3 methods agree'
+    assert {'autocorrelation', 'allan_peak'} <= set(axis['gauss_markov'])
+    assert axis['bias_tracking'] is None
+    assert axis['stationarity']['verdict'] == 'steady'
+    assert Estimate.from_json(axis['stationarity']['ratio']).low == 1.0
+    assert axis['normality']['verdict'] == 'normal'
+    assert axis['outliers'] == 0
+
+
+def test_a_document_of_an_older_version_is_read(analysis):
+    document = json.loads(json.dumps(analysis.to_json()))
+    for recording in document['recordings']:
+        for axis in recording['axes'].values():
+            for name in (
+                'coefficients_whittle', 'coefficients_tangent', 'disagreements', 'gauss_markov',
+                'bias_tracking', 'stationarity', 'normality', 'outliers',
+                'noise_density_verdict',
+            ):  # fmt: skip
+                del axis[name]
+    axis = Analysis.from_json(document).recordings[0].axes['linear_acceleration.x']
+    assert axis.model.N.observable
+    assert axis.checks.second is None
+    assert axis.outliers is None
+
+
 def test_round_trip(analysis, tmp_path):
     path = tmp_path / 'result.json'
     results.write(analysis, path)

@@ -19,6 +19,8 @@ from imu_bench.samples import Samples
 import numpy as np
 import pytest
 
+# per sensor and quantity: Allan, spectrum, time, distribution, noise over time; 2 tracked biases
+FIGURES = 2 * 2 * 5 + 2 + 4
 EVIL = '<script>alert(1)</script>'
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
 
@@ -97,7 +99,7 @@ def test_figures_are_valid_json_and_all_have_a_place(page):
     places = [a['id'] for tag, a in Elements(page).tags if a.get('class') == 'plot']
     assert [json.loads(document)['target_id'] for document in documents] != []
     assert {json.loads(document)['target_id'] for document in documents} == set(places)
-    assert len(places) == 2 * 2 * 4 + 4
+    assert len(places) == FIGURES
 
 
 def test_it_says_what_was_found(page):
@@ -175,4 +177,4 @@ def test_it_renders_without_errors(page, tmp_path, width):
     assert not any('could not' in line for line in console)
     places = done.stdout.count('class="plot"')
     drawn = len(re.findall(r'class="plot"[^>]*><div[^>]*class="bk-', done.stdout))
-    assert places == drawn == 20
+    assert places == drawn == FIGURES

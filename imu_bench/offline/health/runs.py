@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from imu_bench.metrology.statistics import resolution
@@ -74,8 +74,8 @@ def examine(values: Floats) -> Numbers:
     return Numbers(
         lowest,
         highest,
-        int(np.count_nonzero(values == lowest)),
-        int(np.count_nonzero(values == highest)),
+        _occurrences(values, lowest),
+        _occurrences(values, highest),
         repeated,
         longest,
         tuple(run for run in runs if run[1] > limit),
@@ -106,11 +106,21 @@ def level_inside(values: Floats, extreme: float, *, top: bool) -> int:
     >>> level_inside(np.array([1.0, 2.0, 2.0, 3.0, 3.0, 3.0]), 3.0, top=True)
     2
     """
-    if top:
-        inside = np.max(values, initial=-np.inf, where=values < extreme)
-    else:
-        inside = np.min(values, initial=np.inf, where=values > extreme)
-    return int(np.count_nonzero(values == inside))
+    inside = -np.inf if top else np.inf
+    for first, last in pieces(values.size, 0):
+        part = values[first:last]
+        if top:
+            inside = np.max(part, initial=inside, where=part < extreme)
+        else:
+            inside = np.min(part, initial=inside, where=part > extreme)
+    return _occurrences(values, float(inside))
+
+
+def _occurrences(values: Floats, value: float) -> int:
+    return sum(
+        int(np.count_nonzero(values[first:last] == value))
+        for first, last in pieces(values.size, 0)
+    )
 
 
 def spikes(values: Floats, threshold: float) -> npt.NDArray[np.int64]:
@@ -136,19 +146,20 @@ def spikes(values: Floats, threshold: float) -> npt.NDArray[np.int64]:
     return np.concatenate(found) if found else np.empty(0, dtype=np.int64)
 
 
-def repeated_rows(columns: Floats) -> int:
+def repeated_rows(columns: Sequence[Floats]) -> int:
     """
-    Return how many rows equal the row before in every column that holds numbers.
+    Return how many rows equal the row before in every column.
 
     Examples
     --------
-    >>> repeated_rows(np.array([[1.0, 2.0], [1.0, 2.0], [1.0, 3.0]]))
+    >>> repeated_rows([np.array([1.0, 1.0, 1.0]), np.array([2.0, 2.0, 3.0])])
     1
     """
     count = 0
-    for first, last in pieces(columns.shape[0], 1):
-        part = columns[first:last]
-        count += int(np.count_nonzero((part[1:] == part[:-1]).all(axis=1)))
+    for first, last in pieces(columns[0].size, 1):
+        parts = [column[first:last] for column in columns]
+        same = np.logical_and.reduce([part[1:] == part[:-1] for part in parts])
+        count += int(np.count_nonzero(same))
     return count
 
 

@@ -77,13 +77,14 @@ def repeated(samples: Samples, facts: Mapping[str, Numbers]) -> Iterator[Finding
     chance = float(np.prod([fact.repeated for fact in moving.values()]))
     if min(fact.repeated for fact in moving.values()) <= _REPEATED + 5.0 * chance:
         return
-    present = [
-        np.asarray(column)
-        for column in (samples.acceleration, samples.angular_velocity)
-        if column is not None
+    columns = [
+        column
+        for vectors in (samples.acceleration, samples.angular_velocity)
+        if vectors is not None
+        for column in vectors.T
+        if not np.isnan(column[0])
     ]
-    rows = np.concatenate([c[:, ~np.isnan(c[0])] for c in present], axis=1)
-    share = runs.repeated_rows(rows) / max(size - 1, 1)
+    share = runs.repeated_rows(columns) / max(size - 1, 1)
     if share > _REPEATED + 5.0 * chance:
         yield Finding(
             'severe' if share > 0.2 else 'warning',

@@ -6,12 +6,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator
 
-from imu_bench.bags.block import Block, Channel
+from imu_bench.bags.block import Block
 from imu_bench.offline.recordings.decoding import decode
 from imu_bench.offline.recordings.source import Chunk, IMU_TYPES, Topic
-
-_BATCH = 4096
-"""Messages decoded together: enough for numpy, little for the memory."""
 
 
 def samples(
@@ -25,28 +22,20 @@ def samples(
     """
     read: Counter[str] = Counter()
     undecodable: Counter[str] = Counter()
-    waiting: dict[Channel, list[Block]] = {}
-
-    def decoded(channel: Channel) -> Iterator[tuple[str, Chunk]]:
-        found = decode(waiting.pop(channel))
-        read[channel.topic] += len(found.chunk) + found.undecodable
+    for block in blocks:
+        channel = block.channel
+        if channel.type not in IMU_TYPES:
+            report(problems, f'{channel.topic}: messages of type {channel.type} are left out')
+            continue
+        if not len(block):
+            continue
+        found = decode(block)
+        read[channel.topic] += len(block)
         undecodable[channel.topic] += found.undecodable
         for remark in found.remarks:
             report(problems, f'{channel.topic}: {remark}')
         if len(found.chunk):
             yield channel.topic, found.chunk
-
-    for block in blocks:
-        channel = block.channel
-        if channel.type not in IMU_TYPES:
-            report(problems, f'{channel.topic}: messages of type {channel.type} are left out')
-        elif len(block):
-            mine = waiting.setdefault(channel, [])
-            mine.append(block)
-            if sum(map(len, mine)) >= _BATCH:
-                yield from decoded(channel)
-    for channel in list(waiting):
-        yield from decoded(channel)
     _compare(topics, read, undecodable, problems)
 
 

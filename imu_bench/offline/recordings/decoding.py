@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 from imu_bench.bags.block import Block
@@ -24,26 +24,20 @@ class Decoded(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def decode(blocks: Sequence[Block]) -> Decoded:
+def decode(block: Block) -> Decoded:
     """
-    Return the samples of some blocks of Imu messages of one channel.
+    Return the samples of a block of Imu messages.
 
     Messages that cannot be decoded are counted and left out.
     """
-    decode_joined = _DECODERS[blocks[0].channel.serialization]
-    parts = [_joined(block) for block in blocks]
-    data = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    sizes = np.concatenate([block.sizes for block in blocks])
-    edges = np.concatenate(([0], np.cumsum(sizes)))
-    receive_ns = np.concatenate([block.receive_ns for block in blocks])
+    decode_at = _DECODERS[block.channel.serialization]
+    offsets, sizes, receive_ns = block.offsets, block.sizes, block.receive_ns
     try:
-        decoded = decode_joined(data, edges)
+        decoded = decode_at(block.buffer, offsets, sizes)
     except ValueError:
-        kept = _decodable(data, edges, decode_joined)
-        receive_ns = receive_ns[kept]
-        blobs = [data[edges[index] : edges[index + 1]].tobytes() for index in kept.tolist()]
-        whole = np.frombuffer(b''.join(blobs), np.uint8)
-        decoded = decode_joined(whole, np.concatenate(([0], np.cumsum(sizes[kept]))))
+        kept = _decodable(block, decode_at)
+        offsets, sizes, receive_ns = offsets[kept], sizes[kept], receive_ns[kept]
+        decoded = decode_at(block.buffer, offsets, sizes)
     remarks: list[str] = []
     chunk = Chunk(
         stamps=decoded.stamps,
@@ -59,34 +53,16 @@ def decode(blocks: Sequence[Block]) -> Decoded:
         ),
         frame_ids=decoded.frame_ids,
     )
-    return Decoded(chunk, sizes.size - len(chunk), tuple(remarks))
+    return Decoded(chunk, len(block) - len(chunk), tuple(remarks))
 
 
-def _joined(block: Block) -> npt.NDArray[np.uint8]:
-    """Return the messages of a block end to end."""
-    data = np.frombuffer(block.buffer, np.uint8)
-    offsets, sizes = block.offsets, block.sizes
-    if (offsets[1:] == (offsets + sizes)[:-1]).all():
-        return data[int(offsets[0]) : int(offsets[-1] + sizes[-1])]
-    size = int(sizes[0])
-    if 0 < size <= data.size and (sizes == size).all():
-        every = np.ndarray((data.size - size + 1, size), np.uint8, data, 0, (1, 1))
-        return every[offsets].reshape(-1)
-    return np.frombuffer(b''.join(block.blobs()), np.uint8)
-
-
-def _decodable(
-    data: npt.NDArray[np.uint8],
-    edges: npt.NDArray[np.int64],
-    decode_joined: Callable[..., cdr.ImuBlock],
-) -> npt.NDArray[np.int64]:
+def _decodable(block: Block, decode_at: Callable[..., cdr.ImuBlock]) -> npt.NDArray[np.int64]:
     """Return the indexes of the messages that are complete Imu messages."""
     kept = []
-    for index, (start, end) in enumerate(
-        zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
-    ):
+    for index in range(len(block)):
+        one = slice(index, index + 1)
         try:
-            decode_joined(data[start:end], np.array([0, end - start]))
+            decode_at(block.buffer, block.offsets[one], block.sizes[one])
         except ValueError:
             continue
         kept.append(index)
@@ -108,11 +84,12 @@ def _reported(
         if not np.nan_to_num(values).any():
             return None
         remarks.append(f'{name} is declared as not reported (covariance -1) but has values: used')
-    # a copy, so that the other numbers of the messages do not stay in memory with these
-    return values.copy()
+    return values
 
 
-def _ros1(data: npt.NDArray[np.uint8], edges: npt.NDArray[np.int64]) -> cdr.ImuBlock:
+def _ros1(
+    buffer: bytes | memoryview, offsets: npt.NDArray[np.int64], sizes: npt.NDArray[np.int64]
+) -> cdr.ImuBlock:
     """
     Decode Imu messages as ROS 1 serializes them: little-endian, without padding.
 
@@ -121,7 +98,7 @@ def _ros1(data: npt.NDArray[np.uint8], edges: npt.NDArray[np.int64]) -> cdr.ImuB
     ValueError
         If a message is not a complete Imu.
     """
-    sizes = np.diff(edges)
+    data = np.frombuffer(buffer, np.uint8)
     stamps = np.empty(sizes.size, np.int64)
     values = np.empty((sizes.size, cdr.IMU))
     frame_ids: set[str] = set()
@@ -140,8 +117,8 @@ def _ros1(data: npt.NDArray[np.uint8], edges: npt.NDArray[np.int64]) -> cdr.ImuB
             ]
         )
         mine = np.flatnonzero(sizes == size)
-        rows = np.ndarray((data.size - size + 1, size), np.uint8, data, 0, (1, 1))[edges[mine]]
-        table = rows.view(layout)[:, 0]
+        every = np.ndarray((data.size - size + 1,), f'V{size}', data.data, 0, (1,))
+        table = every[offsets[mine]].view(layout)
         if (table['text'] != text).any():
             raise ValueError(f'{size} bytes with a frame_id of another length are no Imu of ROS 1')
         stamps[mine] = table['sec'].astype(np.int64) * 1_000_000_000 + table['nanosec']
@@ -150,13 +127,14 @@ def _ros1(data: npt.NDArray[np.uint8], edges: npt.NDArray[np.int64]) -> cdr.ImuB
         frame_ids.update(name.tobytes().decode('utf-8', 'replace') for name in names)
     return cdr.ImuBlock(
         stamps=stamps,
-        acceleration=values[:, cdr.IMU_LINEAR_ACCELERATION],
-        angular_velocity=values[:, cdr.IMU_ANGULAR_VELOCITY],
-        acceleration_covariance=values[:, cdr.IMU_LINEAR_ACCELERATION_COVARIANCE.start],
-        angular_velocity_covariance=values[:, cdr.IMU_ANGULAR_VELOCITY_COVARIANCE.start],
+        # copies, so that the other numbers of the messages do not stay in memory with these
+        acceleration=values[:, cdr.IMU_LINEAR_ACCELERATION].copy(),
+        angular_velocity=values[:, cdr.IMU_ANGULAR_VELOCITY].copy(),
+        acceleration_covariance=values[:, cdr.IMU_LINEAR_ACCELERATION_COVARIANCE.start].copy(),
+        angular_velocity_covariance=values[:, cdr.IMU_ANGULAR_VELOCITY_COVARIANCE.start].copy(),
         frame_ids=tuple(sorted(frame_ids)),
     )
 
 
-_DECODERS: dict[str, Callable[..., cdr.ImuBlock]] = {'cdr': cdr.decode_imu_joined, 'ros1': _ros1}
+_DECODERS: dict[str, Callable[..., cdr.ImuBlock]] = {'cdr': cdr.decode_imu_at, 'ros1': _ros1}
 """By serialization format."""

@@ -3,19 +3,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
 from imu_bench.errors import RecordingError
+from imu_bench.offline.recordings.gathering import PIECE
 from imu_bench.samples import AXES, IMU_QUANTITIES
 import numpy as np
 import numpy.typing as npt
 
-Columns = dict[str, npt.NDArray[np.float64] | None]
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 _INERTIAL = {quantity.field: quantity.name for quantity in IMU_QUANTITIES}
 
 
-def sift(columns: Columns, where: str) -> tuple[Columns, npt.NDArray[np.bool_], list[str]]:
+def sift(
+    columns: Mapping[str, Floats | None], where: str
+) -> tuple[tuple[str, ...], Bools | None, list[str]]:
     """
-    Return quantities, which samples of them to keep, and notes on what is not kept.
+    Return which quantities are there, which samples to keep, and notes on what is not kept.
 
     A sample with a NaN or infinite acceleration or angular velocity is not kept.  An
     axis that never has a number is absent and judges no sample.  Temperature and
@@ -23,10 +29,18 @@ def sift(columns: Columns, where: str) -> tuple[Columns, npt.NDArray[np.bool_], 
 
     Parameters
     ----------
-    columns : dict of str to ndarray or None
+    columns : mapping of str to ndarray or None
         By the field names of `Samples`.
     where : str
         Names the recording in error texts.
+
+    Returns
+    -------
+    there : tuple of str
+        Names of the quantities that are kept.
+    good : ndarray of bool, shape (n,), or None
+        None if every sample is kept.
+    notes : list of str
 
     Raises
     ------
@@ -39,51 +53,65 @@ def sift(columns: Columns, where: str) -> tuple[Columns, npt.NDArray[np.bool_], 
     >>> sift({'angular_velocity': gyro}, 'a.csv')[1:]
     (array([ True, False,  True]), ['angular_velocity.z: 0 NaN and 1 infinite values left out'])
     """
-    found: Columns = {}
+    there: list[str] = []
     notes: list[str] = []
-    good: npt.NDArray[np.bool_] | None = None
+    good: Bools | None = None
     for field, values in columns.items():
         if values is None:
-            found[field] = None
-        elif field in _INERTIAL:
-            there, kept = _inertial(_INERTIAL[field], values, notes)
-            found[field] = values if there else None
-            good = kept if good is None else good & kept
-        else:
-            found[field] = _complete(field, values, notes)
-    if good is None or not any(found.get(field) is not None for field in _INERTIAL):
-        raise RecordingError(f'{where}: not a single finite value is stored')
-    if not good.any():
-        raise RecordingError(f'{where}: every sample has a NaN or infinite value; {notes[0]}')
-    return found, good, notes
-
-
-def _inertial(
-    name: str, values: npt.NDArray[np.float64], notes: list[str]
-) -> tuple[bool, npt.NDArray[np.bool_]]:
-    """Return whether any axis is there, and which samples are good on those that are."""
-    good = np.ones(len(values), bool)
-    present = 0
-    for axis, column in zip(AXES, values.T, strict=True):
-        finite = np.isfinite(column)
-        bad = column.size - int(np.count_nonzero(finite))
-        if bad == column.size:
             continue
-        present += 1
-        if bad:
-            nan = int(np.count_nonzero(np.isnan(column)))
-            notes.append(f'{name}.{axis}: {nan} NaN and {bad - nan} infinite values left out')
-            good &= finite
-    return present > 0, good
+        if field not in _INERTIAL:
+            if _complete(field, values, notes):
+                there.append(field)
+            continue
+        for axis, column in zip(AXES, values.T, strict=True):
+            finite, nan = _counts(column)
+            if finite:
+                there.append(field)
+            if 0 < finite < column.size:
+                infinite = column.size - finite - nan
+                notes.append(
+                    f'{_INERTIAL[field]}.{axis}: {nan} NaN and {infinite} infinite values left out'
+                )
+                good = _narrowed(good, column)
+    if not _INERTIAL.keys() & set(there):
+        raise RecordingError(f'{where}: not a single finite value is stored')
+    if good is not None and not good.any():
+        raise RecordingError(f'{where}: every sample has a NaN or infinite value; {notes[0]}')
+    return tuple(dict.fromkeys(there)), good, notes
 
 
-def _complete(
-    field: str, values: npt.NDArray[np.float64], notes: list[str]
-) -> npt.NDArray[np.float64] | None:
-    present = np.isfinite(values).reshape(len(values), -1)
-    whole = present[:, present.any(axis=0)].all(axis=1)
-    if present.any() and whole.all():
-        return values
-    count = int(whole.sum()) if present.any() else 0
-    notes.append(f'{field} is not used: it has numbers in {count} of {len(values)} samples only')
-    return None
+def _narrowed(good: Bools | None, column: Floats) -> Bools:
+    """Return which samples are still good when those that are not finite here are not."""
+    narrowed = np.ones(column.size, np.bool_) if good is None else good
+    for part in _pieces(column.size):
+        narrowed[part] &= np.isfinite(column[part])
+    return narrowed
+
+
+def _complete(field: str, values: Floats, notes: list[str]) -> bool:
+    """Return whether the axes that are there at all have a number in every sample."""
+    rows = values.reshape(len(values), -1)
+    present = [row for row in rows.T if _counts(row)[0]]
+    whole = 0
+    for part in _pieces(len(rows) if present else 0):
+        whole += int(np.logical_and.reduce([np.isfinite(row[part]) for row in present]).sum())
+    if present and whole == len(rows):
+        return True
+    notes.append(f'{field} is not used: it has numbers in {whole} of {len(rows)} samples only')
+    return False
+
+
+def _counts(column: Floats) -> tuple[int, int]:
+    """Return how many values are finite, and how many are NaN."""
+    finite = nan = 0
+    for part in _pieces(column.size):
+        values = column[part]
+        found = int(np.count_nonzero(np.isfinite(values)))
+        finite += found
+        if found < values.size:
+            nan += int(np.count_nonzero(np.isnan(values)))
+    return finite, nan
+
+
+def _pieces(size: int) -> Iterator[slice]:
+    return (slice(start, min(start + PIECE, size)) for start in range(0, size, PIECE))

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from imu_bench.errors import RecordingError
-from imu_bench.offline.recordings.finite import Columns, sift
+from imu_bench.offline.recordings.finite import sift
+from imu_bench.offline.recordings.gathering import Allocate, Gathered, QUANTITIES
 from imu_bench.offline.recordings.options import ReadOptions
 from imu_bench.offline.recordings.source import Chunk, Source, Topic
 from imu_bench.offline.recordings.stamps import choose
@@ -21,7 +23,8 @@ Progress = Callable[[int, int], None]
 _NAMED = 5
 """Names spelled out in a note."""
 
-_QUANTITIES = ('acceleration', 'angular_velocity', 'magnetic_field', 'temperature')
+_AT_LEAST, _LEAST_BYTES = 1 << 20, 8
+"""Messages that are believed to be stored: a million, or one in so many bytes of the file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,24 +115,30 @@ def load(
 
 
 def load_all(
-    source: Source, topics: Sequence[Topic | str], progress: Progress | None = None
+    source: Source,
+    topics: Sequence[Topic | str],
+    progress: Progress | None = None,
+    allocate: Allocate = np.empty,
 ) -> list[Recording]:
     """
     Return several topics of a recording, read in one pass over the file.
 
-    Parameters and errors are those of ``load``; a topic of which nothing can be read
-    is left out and reported in ``source.problems``, unless it is the only one.
+    Parameters and errors are those of ``load``; `allocate` gives the arrays.  A topic of
+    which nothing can be read is left out and reported in ``source.problems``, unless it is
+    the only one.
     """
     wanted = {topic.name: topic for topic in map(source.topic, topics)}
-    chunks: dict[str, list[Chunk]] = {name: [] for name in wanted}
+    # a damaged file may claim any number of messages
+    most = max(_AT_LEAST, stored_bytes(source.path) // _LEAST_BYTES)
+    gathered = {name: Gathered(min(topic.count, most), allocate) for name, topic in wanted.items()}
     expected = sum(topic.count for topic in wanted.values())
     done = 0
     for name, chunk in source.reader.chunks(tuple(wanted.values()), source.problems):
-        chunks[name].append(chunk)
+        gathered[name].add(chunk)
         done += len(chunk)
         if progress is not None:
             progress(done, max(done, expected))
-    missing = [topic for name, topic in wanted.items() if not chunks[name]]
+    missing = [topic for name, topic in wanted.items() if not gathered[name].size]
     if len(missing) == len(wanted):
         raise RecordingError(
             f'{source.path}: no message could be read from '
@@ -137,64 +146,50 @@ def load_all(
         )
     source.problems.extend(f'no message could be read from {topic}' for topic in missing)
     return [
-        _recording(source, topic, chunks.pop(name))
+        _recording(source, topic, gathered.pop(name))
         for name, topic in wanted.items()
         if topic not in missing
     ]
 
 
-def _recording(source: Source, topic: Topic, chunks: list[Chunk]) -> Recording:
-    where = f'{source.path}, topic {topic.name}'
-    header = np.concatenate([chunk.stamps for chunk in chunks])
-    arrivals = [chunk.receive_ns for chunk in chunks if chunk.receive_ns is not None]
-    receive = np.concatenate(arrivals) if len(arrivals) == len(chunks) else None
-    columns: Columns = {name: _column(chunks, name) for name in _QUANTITIES}
-    frame_ids = list(dict.fromkeys(name for chunk in chunks for name in chunk.frame_ids))
-    chunks.clear()
+def stored_bytes(path: Path) -> int:
+    """Return the size of a file, or of all files in a folder."""
+    files = path.rglob('*') if path.is_dir() else (path,)
+    return sum(file.stat().st_size for file in files if file.is_file())
 
-    notes = _count_notes(topic, source.announced.get(topic.name), header.size)
+
+def _recording(source: Source, topic: Topic, gathered: Gathered) -> Recording:
+    where = f'{source.path}, topic {topic.name}'
+    stored, announced = gathered.size, source.announced.get(topic.name)
+    notes = _count_notes(topic, announced, stored)
+    frame_ids = gathered.frame_ids
     if len(frame_ids) > 1:
         more = f' and {len(frame_ids) - _NAMED} more' if len(frame_ids) > _NAMED else ''
         named = ', '.join(map(repr, frame_ids[:_NAMED]))
         notes.append(f'several frame_ids on one topic: {named}{more}')
-    stamps, chosen, reason = choose(header, receive, source.reader.stamps_from)
-    if chosen != source.reader.stamps_from:
+    origin = source.reader.stamps_from
+    _, chosen, reason = choose(gathered.stamps, gathered.receive_ns, origin)
+    if chosen != origin:
         notes.append(f'stamps are the receive time: {reason}')
-    columns, finite, finite_notes = sift(columns, where)
+    there, good, finite_notes = sift({name: gathered.column(name) for name in QUANTITIES}, where)
     notes.extend(finite_notes)
-    left_out = int(finite.size - np.count_nonzero(finite))
-    if left_out:
-        stamps = stamps[finite]
-        receive = None if receive is None else receive[finite]
-        columns = {name: None if c is None else c[finite] for name, c in columns.items()}
+    if good is not None:
+        gathered.keep(good)
+    receive = gathered.receive_ns
+    stamps = gathered.stamps if chosen == origin or receive is None else receive
     return Recording(
         source=str(source.path),
         topic=topic.name,
-        samples=Samples(stamps=stamps, **columns),
+        samples=Samples(stamps=stamps, **{name: gathered.column(name) for name in there}),
         receive_ns=receive,
         frame_id=frame_ids[0] if frame_ids else '',
-        announced=source.announced.get(topic.name),
-        stored=int(header.size),
-        left_out=left_out,
+        announced=announced,
+        stored=stored,
+        left_out=stored - gathered.size,
         notes=tuple(notes),
         stamp_source=chosen,
         stamp_reason=reason,
     )
-
-
-def _column(chunks: list[Chunk], name: str) -> npt.NDArray[np.float64] | None:
-    """Join one quantity; parts of a recording without it become NaN."""
-    parts = [getattr(chunk, name) for chunk in chunks]
-    present = [part for part in parts if part is not None]
-    if not present:
-        return None
-    if len(present) < len(parts):
-        tail = present[0].shape[1:]
-        parts = [
-            np.full((len(chunk), *tail), np.nan) if part is None else part
-            for chunk, part in zip(chunks, parts, strict=True)
-        ]
-    return np.concatenate(parts) if len(parts) > 1 else parts[0]
 
 
 def _count_notes(topic: Topic, announced: int | None, stored: int) -> list[str]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from imu_bench.offline.recordings.gathering import PIECE
 import numpy as np
 import numpy.typing as npt
 
@@ -46,15 +47,16 @@ def _fault(stamps: npt.NDArray[np.int64], origin: str) -> str:
     """Return why stamps are no time axis, or nothing."""
     if stamps.size < 2:
         return f'the {origin} stamp is zero' if stamps.size and stamps[0] == 0 else ''
-    if not stamps.any():
-        return f'every {origin} stamp is zero'
-    if (stamps == stamps[0]).all():
-        return f'every {origin} stamp is the same'
-    steps = np.diff(stamps)
-    backward = float(np.count_nonzero(steps < 0)) / steps.size
-    if backward > MAX_BACKWARD:
-        return f'{backward:.0%} of the {origin} stamps step back in time'
-    repeated = float(np.count_nonzero(steps == 0)) / steps.size
-    if repeated > MAX_REPEATED:
-        return f'{repeated:.0%} of the {origin} stamps repeat the one before'
+    backward = repeated = 0
+    for start in range(0, stamps.size - 1, PIECE):
+        steps = np.diff(stamps[start : start + PIECE + 1])
+        backward += int(np.count_nonzero(steps < 0))
+        repeated += int(np.count_nonzero(steps == 0))
+    steps_taken = stamps.size - 1
+    if repeated == steps_taken:
+        return f'every {origin} stamp is {"zero" if stamps[0] == 0 else "the same"}'
+    if backward > MAX_BACKWARD * steps_taken:
+        return f'{backward / steps_taken:.0%} of the {origin} stamps step back in time'
+    if repeated > MAX_REPEATED * steps_taken:
+        return f'{repeated / steps_taken:.0%} of the {origin} stamps repeat the one before'
     return ''

@@ -24,29 +24,10 @@ from bokeh.models import (
     VArea,
 )
 from bokeh.plotting import figure
+from imu_bench.offline.plotting import FAINT, INK
 import numpy as np
 import numpy.typing as npt
 
-AXIS_COLOURS = {'x': '#c8492e', 'y': '#2a8a5f', 'z': '#2f62b0'}
-"""Red, green and blue as in every 3-D viewer, with lightness that keeps them apart in grey."""
-
-SENSOR_COLOURS = (
-    '#2f62b0',
-    '#d9822b',
-    '#2a8a5f',
-    '#c8492e',
-    '#7b5ba6',
-    '#8a6d3b',
-    '#d06ba0',
-    '#5f6b7a',
-    '#a3a329',
-    '#2aa1b3',
-)
-"""For sensors in one plot, in their order; they repeat after ten."""
-
-AXIS_DASHES = {'x': 'solid', 'y': 'dashed', 'z': 'dotted'}
-
-INK, FAINT = '#1f2933', '#66727f'
 HEIGHT = 360
 
 _NARROW, _ENTRY, _LETTER = 310.0, 34.0, 6.5  # px: plot on a phone, legend entry, letter

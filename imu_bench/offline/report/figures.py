@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import cycle
+from collections.abc import Sequence
 
 from bokeh.layouts import column
 from bokeh.models import (
@@ -17,20 +16,26 @@ from bokeh.models import (
     Scatter,
     Text,
 )
-from imu_bench.metrology.noise_model import variance_of
 from imu_bench.metrology.normality import Histogram
 from imu_bench.offline.axis_result import AxisResult
-from imu_bench.offline.notation import number, readable_unit
-from imu_bench.offline.report.chart import (
+from imu_bench.offline.notation import number
+from imu_bench.offline.plotting import (
+    allan_unit,
+    allan_view,
     AXIS_COLOURS,
     AXIS_DASHES,
-    Chart,
-    columns,
+    density_unit,
+    density_view,
+    drawable,
     FAINT,
-    HEIGHT,
     INK,
-    SENSOR_COLOURS,
+    level_unit,
+    model_parts,
+    model_tau,
+    of_all,
+    time_unit,
 )
+from imu_bench.offline.report.chart import Chart, columns, HEIGHT
 from imu_bench.offline.results import RecordingResult
 from imu_bench.units import convert
 import numpy as np
@@ -49,8 +54,8 @@ _HALF_VIEW = 4.0  # factor above and below the middle of a spectrum that is alwa
 
 def time_series(axes: Sequence[AxisResult], recording: RecordingResult) -> LayoutDOM:
     """Return one strip per axis, each about its own mean, with motion shaded."""
-    unit = _level_unit(axes)
-    clock = _time_unit(recording.health.duration_s)
+    unit = level_unit(axes)
+    clock = time_unit(recording.health.duration_s)
     strips: list[Chart] = []
     for axis in axes:
         first, last = axis is axes[0], axis is axes[-1]
@@ -72,7 +77,7 @@ def time_series(axes: Sequence[AxisResult], recording: RecordingResult) -> Layou
 
 def allan(axes: Sequence[AxisResult]) -> LayoutDOM:
     """Return Allan deviation, interval, fitted model and its parts, for all axes of a quantity."""
-    unit = _allan_unit(axes)
+    unit = allan_unit(axes)
     chart = Chart(_TAU, f'Allan deviation in {unit}', log=True)
     drawn = [axis for axis in axes if drawable(axis)]
     for axis in drawn:
@@ -90,14 +95,14 @@ def allan(axes: Sequence[AxisResult]) -> LayoutDOM:
         _model(chart, axis, unit)
     for axis in drawn:
         _parts(chart, axis, unit)
-    _fit_view(chart, drawn, unit)
+    _show(chart, allan_view(drawn, unit))
     return chart.finish()
 
 
 def spectrum(axes: Sequence[AxisResult]) -> LayoutDOM:
     """Return the amplitude density with the white noise density and the tones marked."""
     drawn = [axis for axis in axes if axis.psd is not None]
-    unit = _density_unit(axes)
+    unit = density_unit(axes)
     chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log=True)
     for axis in drawn:
         _density(chart, axis, unit, AXIS_COLOURS[axis.letter], axis.letter, 'solid')
@@ -105,13 +110,13 @@ def spectrum(axes: Sequence[AxisResult]) -> LayoutDOM:
         _white_level(chart, axis, unit)
     for axis in drawn:
         _tones(chart, axis, unit)
-    _spectrum_view(chart, drawn, unit)
+    _show(chart, density_view(drawn, unit))
     return chart.finish()
 
 
 def histogram(axes: Sequence[AxisResult]) -> LayoutDOM:
     """Return the distribution of each axis about its mean, and the normal one of the same σ."""
-    unit = _level_unit(axes)
+    unit = level_unit(axes)
     chart = Chart(f'deviation from the mean in {unit}', 'relative frequency')
     chart.figure.yaxis.ticker = []
     chart.figure.ygrid.visible = False
@@ -145,15 +150,15 @@ def compare_allan(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
 ) -> LayoutDOM:
     """Return the Allan deviations of all sensors: one colour each, one dash pattern per axis."""
-    rows = [row for row in _of_all(recordings, labels, quantity) if drawable(row[2])]
-    unit = _allan_unit([axis for _, _, axis in rows])
+    rows = [row for row in of_all(recordings, labels, quantity) if drawable(row[2])]
+    unit = allan_unit([axis for _, _, axis in rows])
     chart = Chart(_TAU, f'Allan deviation in {unit}', log=True, height=_TALL)
     for label, colour, axis in rows:
         source = _curve(axis, unit)
         dash = AXIS_DASHES[axis.letter]
         line = chart.line(source, 'tau', 'deviation', label, color=colour, width=1.5, dash=dash)
         chart.hover([line], _curve_tooltips(f'{label} {axis.letter}', unit))
-    _fit_view(chart, [axis for _, _, axis in rows], unit)
+    _show(chart, allan_view([axis for _, _, axis in rows], unit))
     return chart.finish()
 
 
@@ -161,12 +166,12 @@ def compare_spectrum(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
 ) -> LayoutDOM:
     """Return the amplitude densities of all sensors."""
-    rows = [row for row in _of_all(recordings, labels, quantity) if row[2].psd is not None]
-    unit = _density_unit([axis for _, _, axis in rows])
+    rows = [row for row in of_all(recordings, labels, quantity) if row[2].psd is not None]
+    unit = density_unit([axis for _, _, axis in rows])
     chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log=True, height=_TALL)
     for label, colour, axis in rows:
         _density(chart, axis, unit, colour, label, AXIS_DASHES[axis.letter])
-    _spectrum_view(chart, [axis for _, _, axis in rows], unit)
+    _show(chart, density_view([axis for _, _, axis in rows], unit))
     return chart.finish()
 
 
@@ -174,10 +179,6 @@ def height_of(model: LayoutDOM) -> int:
     """Return the height in px that the page must keep free for a figure."""
     parts = getattr(model, 'children', None)
     return sum(height_of(part) for part in parts) if parts else int(model.height or HEIGHT)
-
-
-def _time_unit(duration_s: float) -> str:
-    return 's' if duration_s < 600.0 else 'min' if duration_s < 7200.0 else 'h'
 
 
 def _trace(strip: Chart, axis: AxisResult, unit: str, clock: str) -> None:
@@ -247,7 +248,7 @@ def _curve_tooltips(title: str, unit: str) -> list[tuple[str, str]]:
 
 
 def _model(chart: Chart, axis: AxisResult, unit: str) -> None:
-    tau = _model_tau(axis)
+    tau = model_tau(axis)
     if tau is not None:
         tau = tau[(tau >= axis.model.tau_low) & (tau <= axis.model.tau_high)]
         fit = axis.model.deviation(tau) * convert(1.0, axis.unit, unit)
@@ -256,54 +257,13 @@ def _model(chart: Chart, axis: AxisResult, unit: str) -> None:
 
 
 def _parts(chart: Chart, axis: AxisResult, unit: str) -> None:
-    tau = _model_tau(axis)
+    tau = model_tau(axis)
     if tau is None:
         return
-    factor = convert(1.0, axis.unit, unit)
-    parts = [
-        np.sqrt(variance_of({term: size}, tau)) * factor
-        for term, size in _model_terms(axis).items()
-    ]
+    parts = [part * convert(1.0, axis.unit, unit) for part in model_parts(axis.model, tau)]
     glyph = MultiLine(xs='tau', ys='part', line_color=AXIS_COLOURS[axis.letter], line_dash=[2, 3])
     source = columns(tau=np.tile(tau, (len(parts), 1)), part=np.array(parts))
     chart.draw(glyph, source, 'its parts')
-
-
-def _model_terms(axis: AxisResult) -> Mapping[str, float]:
-    """Return the coefficients of the curve that was fitted: observable or not."""
-    return axis.model.fitted or axis.model.values
-
-
-def _model_tau(axis: AxisResult) -> Floats | None:
-    if axis.allan is None or not _model_terms(axis):
-        return None
-    return np.geomspace(axis.allan.tau[0], axis.allan.tau[-1], 60)
-
-
-def _fit_view(chart: Chart, axes: Sequence[AxisResult], unit: str) -> None:
-    """Keep the data in view: the parts of a model run far below it."""
-    seen = [
-        values[values > 0.0]
-        for axis in axes
-        if (curve := axis.allan) is not None
-        for values in (curve.deviation, curve.low, np.minimum(curve.high, 5.0 * curve.deviation))
-    ]
-    if seen:
-        together = np.concatenate(seen) * convert(1.0, axes[0].unit, unit)
-        low, high = float(together.min()) / _MARGIN, float(together.max()) * _MARGIN
-        chart.figure.y_range = Range1d(low, high)
-
-
-def _spectrum_view(chart: Chart, axes: Sequence[AxisResult], unit: str) -> None:
-    """Show at least a decade: the scatter of a flat spectrum must not look like structure."""
-    seen = [axis.psd.density[axis.psd.density > 0.0] for axis in axes if axis.psd is not None]
-    seen = [density for density in seen if density.size]
-    if seen:
-        together = np.sqrt(np.concatenate(seen)) * convert(1.0, f'{axes[0].unit}/√Hz', unit)
-        middle = float(np.median(together))
-        low = min(float(together.min()) / 1.3, middle / _HALF_VIEW)
-        high = max(float(together.max()) * _MARGIN, middle * _HALF_VIEW)
-        chart.figure.y_range = Range1d(low, high)
 
 
 def _density(
@@ -354,35 +314,6 @@ def _tones(chart: Chart, axis: AxisResult, unit: str) -> None:
     chart.draw(words, source)
 
 
-def drawable(axis: AxisResult) -> bool:
-    """Return whether a logarithmic plot can show anything of the deviation."""
-    return axis.allan is not None and bool(np.any(axis.allan.deviation > 0.0))
-
-
-def _of_all(
-    recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
-) -> list[tuple[str, str, AxisResult]]:
-    return [
-        (label, colour, axis)
-        for recording, label, colour in zip(recordings, labels, cycle(SENSOR_COLOURS))
-        for axis in recording.of(quantity)
-    ]
-
-
-def _level_unit(axes: Sequence[AxisResult]) -> str:
-    sizes = [axis.statistics['std'].value for axis in axes]
-    return readable_unit(axes[0].unit, 'level', sizes)
-
-
-def _allan_unit(axes: Sequence[AxisResult]) -> str:
-    if not axes:
-        return '1'
-    typical = [float(np.median(axis.allan.deviation)) for axis in axes if axis.allan is not None]
-    return readable_unit(axes[0].unit, 'level', typical)
-
-
-def _density_unit(axes: Sequence[AxisResult]) -> str:
-    if not axes:
-        return '1'
-    sizes = [axis.noise_density.value for axis in axes]
-    return readable_unit(axes[0].noise_density.unit, 'density', sizes)
+def _show(chart: Chart, view: tuple[float, float] | None) -> None:
+    if view is not None:
+        chart.figure.y_range = Range1d(*view)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.noise_model import TERM_NAMES
-from imu_bench.metrology.spectrum import compare_densities
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.comparison import Comparison, Standing, Verdict
 from imu_bench.offline.health import Health
@@ -119,14 +118,14 @@ def sensor_words(recording: RecordingResult) -> list[str]:
 
 
 def _density_words(axes: Sequence[AxisResult]) -> str:
-    seen = [axis for axis in axes if axis.noise_density.value is not None]
+    seen = [axis for axis in axes if axis.white_density.value is not None]
     if not seen:
         return 'no white noise was found'
     unit = readable_unit(
-        seen[0].noise_density.unit, 'density', [axis.noise_density.value for axis in seen]
+        seen[0].white_density.unit, 'density', [axis.white_density.value for axis in seen]
     )
-    seen.sort(key=lambda axis: axis.noise_density.value or 0.0)
-    low, high = seen[0].noise_density.to(unit), seen[-1].noise_density.to(unit)
+    seen.sort(key=lambda axis: axis.white_density.value or 0.0)
+    low, high = seen[0].white_density.to(unit), seen[-1].white_density.to(unit)
     if short(low) == short(high):
         return f'noise density {short(low)} {unit}'
     first, last = seen[0].letter, seen[-1].letter
@@ -198,11 +197,11 @@ def cell(estimate: Estimate, unit: str) -> Cell:
 
 def coefficient_columns(axes: Sequence[AxisResult]) -> list[Column]:
     """Return the noise table of one quantity: density and coefficients."""
-    columns = [_column('Noise density', 'density', [axis.noise_density for axis in axes])]
+    columns = [column('Noise density', 'density', [axis.noise_density for axis in axes])]
     for term in 'NBKQR':
         estimates = [getattr(axis.model, term) for axis in axes]
         if term in 'NBK' or any(e.observable for e in estimates):
-            columns.append(_column(f'{term}, {TERM_NAMES[term]}', term, estimates))
+            columns.append(column(f'{term}, {TERM_NAMES[term]}', term, estimates))
     return columns
 
 
@@ -222,7 +221,7 @@ def fit_remarks(axes: Sequence[AxisResult]) -> list[str]:
 def statistic_columns(axes: Sequence[AxisResult], health: Health) -> list[Column]:
     """Return the table of plain statistics of one quantity."""
     columns = [
-        _column(title, 'level', [axis.statistics[name] for axis in axes])
+        column(title, 'level', [axis.statistics[name] for axis in axes])
         for title, name in (
             ('Mean', 'mean'),
             ('σ', 'std'),
@@ -233,7 +232,7 @@ def statistic_columns(axes: Sequence[AxisResult], health: Health) -> list[Column
     ]
     steps = [health.resolution.get(axis.name) for axis in axes]
     if all(step is not None for step in steps):
-        columns.append(_column('Resolution', 'level', [s for s in steps if s is not None]))
+        columns.append(column('Resolution', 'level', [s for s in steps if s is not None]))
     return columns
 
 
@@ -248,7 +247,7 @@ def method_columns(axes: Sequence[AxisResult]) -> list[Column]:
     """Return the noise density as found in different ways."""
     lost = Estimate.not_observable(axes[0].noise_density.unit, 'not computed')
     return [
-        _column(title, 'density', [axis.noise_density_methods.get(name, lost) for axis in axes])
+        column(title, 'density', [axis.noise_density_methods.get(name, lost) for axis in axes])
         for name, title in _METHODS.items()
         if any(name in axis.noise_density_methods for axis in axes)
     ]
@@ -258,15 +257,14 @@ def method_verdicts(axes: Sequence[AxisResult]) -> list[str]:
     """Return why the ways to the noise density disagree, where they do."""
     said: dict[str, list[str]] = {}
     for axis in axes:
-        methods = axis.noise_density_methods
-        if all(name in methods for name in _METHODS):
-            found = compare_densities(methods['sigma'], methods['plateau'], methods['allan'])
-            if not found.agree:
-                said.setdefault(found.verdict, []).append(axis.letter)
+        found = axis.densities
+        if found is not None and not found.agree:
+            said.setdefault(found.verdict, []).append(axis.letter)
     return [f'{", ".join(letters)}: {verdict}.' for verdict, letters in said.items()]
 
 
-def _column(title: str, role: str, estimates: Sequence[Estimate]) -> Column:
+def column(title: str, role: str, estimates: Sequence[Estimate]) -> Column:
+    """Return one column of estimates in the unit that suits them."""
     sizes = [e.value if e.value is not None else e.high for e in estimates]
     unit = readable_unit(estimates[0].unit, role, sizes)
     return Column(title, unit, [cell(estimate, unit) for estimate in estimates])
@@ -312,7 +310,7 @@ def _ranking(
         sizes = [e.value if e.value is not None else e.high for e in estimates]
         return readable_unit(estimates[0].unit, role, sizes)
 
-    density = unit_of('density', [axis.noise_density for axis in flat])
+    density = unit_of('density', [axis.white_density for axis in flat])
     bias = unit_of('B', [axis.model.B for axis in flat])
     walk = unit_of('K', [axis.model.K for axis in flat])
     return Ranking(
@@ -324,7 +322,7 @@ def _ranking(
             Row(
                 row.label,
                 short(recordings[row.index].health.rate, 4),
-                ' / '.join(short(axis.noise_density.to(density)) for axis in group),
+                ' / '.join(short(axis.white_density.to(density)) for axis in group),
                 '–' if row.ratio.value is None else f'{number(row.ratio.value, 3)}×',
                 ' / '.join(short(axis.model.B.to(bias), 2) for axis in group),
                 ' / '.join(short(axis.model.K.to(walk), 2) for axis in group),

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A program run and watched: seconds, and the most memory that it and its children held."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+import subprocess
+import threading
+import time
+from typing import NamedTuple
+
+_WATCH_S = 0.05
+
+
+class Measured(NamedTuple):
+    """Seconds of a run, and its peak memory in bytes."""
+
+    seconds: float
+    peak: int
+
+
+def run(command: Sequence[str], **options: object) -> Measured:
+    """
+    Run a program; raise if it fails.
+
+    The memory is the proportional set size of all its processes together: what they share
+    counts once.
+    """
+    start = time.perf_counter()
+    process = subprocess.Popen(command, **options)  # type: ignore[call-overload]
+    peak = 0
+    done = threading.Event()
+
+    def watch() -> None:
+        nonlocal peak
+        while not done.wait(_WATCH_S):
+            peak = max(peak, sum(map(_proportional_set, _family(process.pid))))
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        code = process.wait()
+    finally:
+        done.set()
+        watcher.join()
+    seconds = time.perf_counter() - start
+    if code:
+        raise subprocess.CalledProcessError(code, command)
+    return Measured(seconds, peak)
+
+
+def _family(root: int) -> list[int]:
+    """Return a process and all that descend from it."""
+    parents: dict[int, list[int]] = {}
+    for status in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            fields = status.read_text().rpartition(')')[2].split()
+        except OSError:
+            continue
+        parents.setdefault(int(fields[1]), []).append(int(status.parent.name))
+    found = [root]
+    for pid in found:
+        found += parents.get(pid, [])
+    return found
+
+
+def _proportional_set(pid: int) -> int:
+    try:
+        lines = Path(f'/proc/{pid}/smaps_rollup').read_text().splitlines()
+    except OSError:
+        return 0
+    return sum(int(line.split()[1]) for line in lines if line.startswith('Pss:')) * 1024

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`imu-bench compare`: several results against the first, line by line, with a verdict each."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imu_bench.cli.main import DONE
+from imu_bench.cli.outputs import check_output
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imu_bench.offline.across import Across
+    from imu_bench.offline.across_text import Row
+    from rich.console import Console
+    from rich.table import Table
+
+_DESCRIPTION = """\
+Compares results of `imu-bench analyze --json` of the same sensors, or of one sensor each, with the
+first one: bias, sigma, noise density, bias instability and random walk of every axis, as ratio and
+as difference against the combined uncertainty."""
+
+_COLOURS = {'higher': 'yellow', 'lower': 'yellow', 'undecided': 'dim', 'same': ''}
+_WIDE = ('axis', 'parameter', 'reference', 'value', 'difference', 'ratio', 'e_n', 'verdict')
+_NARROW = ('axis', 'parameter', 'change', 'verdict')
+
+
+def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add this verb."""
+    parser = verbs.add_parser(
+        'compare', help='results against one another', description=_DESCRIPTION
+    )
+    parser.add_argument(
+        'results', nargs='+', metavar='RESULT.json', help='the reference first, then the others'
+    )
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the comparison')
+    parser.add_argument('--html', type=Path, metavar='FILE', help='write a page with figures')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compare the results and return the exit code."""
+    # imported here: help must not wait for scipy
+    from imu_bench.cli.table import console
+    from imu_bench.offline import results
+    from imu_bench.offline.across import compare_runs, named
+    from imu_bench.offline.report import runs_page
+
+    for output in (arguments.json, arguments.html):
+        check_output(output)
+    analyses = [results.read(path) for path in arguments.results]
+    across = compare_runs(named(arguments.results, analyses))
+    _show(across, console())
+    if arguments.json is not None:
+        document = json.dumps(across.to_json(), ensure_ascii=False, allow_nan=False, indent=1)
+        arguments.json.write_text(document + '\n', encoding='utf-8')
+        print(f'wrote {arguments.json}')
+    if arguments.html is not None:
+        runs_page.write(across, arguments.html)
+        print(f'wrote {arguments.html}')
+    return DONE
+
+
+def _show(across: Across, out: Console) -> None:
+    """Print what the comparison says, then one table per sensor and run."""
+    from imu_bench.cli.table import clean, fits
+    from imu_bench.offline import across_text
+    from rich.text import Text
+
+    for sentence in across_text.summary(across):
+        out.print(Text(clean(sentence)))
+    groups = dict.fromkeys((line.sensor, line.run) for line in across.lines)
+    for group in groups:
+        rows = [across_text.row(line) for line in across.lines if (line.sensor, line.run) == group]
+        wide = _table(across.runs[0].name, *group, rows, _WIDE)
+        out.print()
+        out.print(wide if fits(wide, out) else _table(across.runs[0].name, *group, rows, _NARROW))
+
+
+def _table(
+    reference: str, sensor: str, run_name: str, rows: Sequence[Row], columns: Sequence[str]
+) -> Table:
+    from imu_bench.cli.table import clean
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(
+        title=Text(clean(f'{sensor}: {run_name} against {reference}'), style='bold'),
+        title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1),
+    )  # fmt: skip
+    titles = {'reference': reference, 'value': run_name, 'e_n': 'E_n'}
+    for name in columns:
+        left = name in ('axis', 'parameter', 'verdict')
+        title = Text(clean(titles.get(name, name)))
+        table.add_column(title, justify='left' if left else 'right')
+    last = ''
+    for row in rows:
+        cells = [Text(getattr(row, name)) for name in columns]
+        if row.axis == last:
+            cells[0] = Text()
+        cells[-1].stylize(_COLOURS[row.verdict])
+        table.add_row(*cells)
+        last = row.axis
+    return table

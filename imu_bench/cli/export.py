@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`imu-bench export`: the numbers of an analysis as the programs want them that use them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from imu_bench.cli.main import DONE
+from imu_bench.cli.outputs import check_output
+
+FORMATS = (
+    'kalibr', 'openvins', 'vins', 'gtsam', 'robot_localization', 'sensor_msgs', 'gz-sim',
+    'kalman', 'csv',
+)  # fmt: skip
+"""The same as in imu_bench.offline.exports, which help must not wait for."""
+
+_DESCRIPTION = """\
+Writes the noise numbers of a result of `imu-bench analyze --json` for the program that uses them.
+The unit, and whether a number is continuous or discrete, one- or two-sided, stands beside it."""
+
+
+def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add this verb."""
+    parser = verbs.add_parser(
+        'export', help='noise numbers for Kalibr, GTSAM, gz-sim, …', description=_DESCRIPTION
+    )
+    parser.add_argument('result', metavar='RESULT.json', help='written by imu-bench analyze')
+    parser.add_argument('--to', required=True, choices=FORMATS, help='the program')
+    parser.add_argument('--topic', default='', metavar='T', help='topic or name of the sensor')
+    parser.add_argument(
+        '--conservative',
+        action='store_true',
+        help='upper ends of the intervals instead of the values',
+    )
+    parser.add_argument(
+        '-o', '--output', type=Path, metavar='FILE', help='where to write; stdout if not given'
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the export and return the exit code."""
+    # imported here: help must not wait for scipy
+    from imu_bench.offline import results
+    from imu_bench.offline.exports import render
+
+    check_output(arguments.output)
+    analysis = results.read(arguments.result)
+    text = render(analysis, arguments.to, arguments.topic, conservative=arguments.conservative)
+    if arguments.output is None:
+        print(text, end='')
+    else:
+        arguments.output.write_text(text, encoding='utf-8')
+        print(f'wrote {arguments.output}')
+    return DONE

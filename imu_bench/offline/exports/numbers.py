@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The numbers of an export: nominal or conservative, per axis or one for all three."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from imu_bench.errors import RecordingError
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.spectrum import two_sided
+from imu_bench.offline.axis_result import AxisResult
+from imu_bench.offline.gauss_markov_result import DriftModel, METHODS
+from imu_bench.offline.results import RecordingResult
+from imu_bench.samples import AXES, Quantity
+
+_PROCESSES = ('allan_fit', 'autocorrelation', 'bias_instability')
+"""Gauss-Markov models that an export may use, the best first."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number in SI, and in a few words how it was found."""
+
+    value: float
+    note: str
+
+
+@dataclass(frozen=True)
+class Bias:
+    """
+    How the bias of one axis wanders.
+
+    Attributes
+    ----------
+    strength : float
+        Driving noise: q_c of a Gauss-Markov process, or K of a random walk; in SI.
+    correlation_time : float
+        T_c in s; infinite for a random walk.
+    note : str
+        How it was found.
+    """
+
+    strength: float
+    correlation_time: float
+    note: str
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the process; infinite for a random walk."""
+        return self.strength * math.sqrt(0.5 * self.correlation_time)
+
+    def transition(self, step: float) -> float:
+        """Return e^(−step/T_c)."""
+        return math.exp(-step / self.correlation_time)
+
+    def driving_variance(self, step: float) -> float:
+        """Return the variance that a step in s adds: exact, K² step for a random walk."""
+        if math.isinf(self.correlation_time):
+            return self.strength**2 * step
+        return -(self.sigma**2) * math.expm1(-2.0 * step / self.correlation_time)
+
+
+class Numbers:
+    """
+    The numbers of one recording.
+
+    Parameters
+    ----------
+    recording : RecordingResult
+    conservative : bool
+        Upper ends of the intervals instead of the values.
+    """
+
+    def __init__(self, recording: RecordingResult, conservative: bool = False) -> None:
+        self.recording = recording
+        self.conservative = conservative
+
+    @property
+    def rate(self) -> float:
+        """True sample rate in Hz."""
+        rate = self.recording.health.rate.value
+        if rate is None:
+            raise RecordingError(f'{self._where}: the sample rate is not known')
+        return rate
+
+    def axes(self, quantity: Quantity) -> list[AxisResult]:
+        """
+        Return the axes of a quantity.
+
+        Raises
+        ------
+        RecordingError
+            If the recording has none.
+        """
+        found = self.recording.of(quantity.name)
+        if not found:
+            raise RecordingError(f'{self._where}: there is no {quantity.name} in it to export')
+        return found
+
+    def white_noise(self, quantity: Quantity) -> Number:
+        """
+        Return one N for all axes, in unit/√Hz.
+
+        The root of the mean square of the axes, or conservatively the largest upper end.
+
+        Raises
+        ------
+        RecordingError
+            If not one axis has a value or a bound.
+        """
+        return self._together('N', [(a, _white(a)) for a in self.axes(quantity)])
+
+    def random_walk(self, quantity: Quantity) -> Number:
+        """
+        Return one K for all axes, in unit/s/√Hz.
+
+        Raises
+        ------
+        RecordingError
+            If not one axis has a value or a bound.
+
+        Notes
+        -----
+        A Gauss-Markov process walks with K = q_c up to its correlation time and less beyond, so
+        where the fit holds one, q_c stands in for K.
+        """
+        return self._together('K', [(a, _walk(a)) for a in self.axes(quantity)])
+
+    def per_axis(self, quantity: Quantity, term: str) -> list[Number]:
+        """
+        Return N or K of x, y and z; an axis that was not recorded takes the largest of the others.
+
+        Raises
+        ------
+        RecordingError
+            If an axis that was recorded has neither a value nor a bound.
+        """
+        found = {a.letter: self.axis(a, term) for a in self.axes(quantity)}
+        largest = max(number.value for number in found.values())
+        other = Number(largest, 'not recorded: the largest of the other axes')
+        return [found.get(letter, other) for letter in AXES]
+
+    def bias(self, axis: AxisResult) -> Bias | None:
+        """
+        Return how the bias of an axis wanders, or None where the recording does not show it.
+
+        Conservatively there is always one: the upper bound of K as a random walk.
+        """
+        drift = axis.checks.drift if axis.checks else None
+        models = drift.models if drift else {}
+        for name in _PROCESSES:
+            if name in models and models[name].process:
+                return self._process(models[name], METHODS[name])
+        K = axis.model.K
+        if K.value is not None or (self.conservative and K.high is not None):
+            number = self.axis(axis, 'K')
+            return Bias(number.value, math.inf, f'random walk, K: {number.note}')
+        return None
+
+    def axis(self, axis: AxisResult, term: str) -> Number:
+        """
+        Return N or K of one axis.
+
+        Raises
+        ------
+        RecordingError
+            If it has neither a value nor a bound.
+        """
+        estimate = _walk(axis) if term == 'K' else _white(axis)
+        if self.conservative and estimate.high is not None:
+            return Number(estimate.high, _upper(estimate))
+        if estimate.value is not None:
+            return Number(estimate.value, _measured(axis, term))
+        if estimate.high is not None:
+            return Number(estimate.high, _upper(estimate))
+        raise RecordingError(
+            f'{self._where}: {term} of {axis.name} has neither a value nor an upper bound '
+            f'({estimate.reason}); analyse a longer recording'
+        )
+
+    def _process(self, model: DriftModel, method: str) -> Bias:
+        strength, time = model.q_c, model.T_c
+        value = strength.value or 0.0
+        if self.conservative and strength.high is not None:
+            return Bias(
+                strength.high, time.value or 0.0, f'{method}, upper end of the interval of q_c'
+            )
+        return Bias(value, time.value or 0.0, method)
+
+    def _together(self, term: str, rows: Sequence[tuple[AxisResult, Estimate]]) -> Number:
+        bounds = [(e.high, a.letter, e) for a, e in rows if e.high is not None]
+        seen = [(e.value, _name(a, term)) for a, e in rows if e.value is not None]
+        if seen and not (self.conservative and bounds):
+            root = math.sqrt(sum(value**2 for value, _ in seen) / len(seen))
+            if len(seen) == 1:
+                return Number(root, f'{seen[0][1]} only, the other axes are not observable')
+            return Number(root, f'rms of {", ".join(letter for _, letter in seen)}')
+        if not bounds:
+            raise RecordingError(
+                f'{self._where}: {term} has neither a value nor an upper bound on any axis '
+                f'({rows[0][1].reason}); analyse a longer recording'
+            )
+        high, letter, estimate = max(bounds, key=lambda row: row[0])
+        return Number(high, f'{_upper(estimate)}, largest of the axes: {letter}')
+
+    @property
+    def _where(self) -> str:
+        return f'{self.recording.source}, topic {self.recording.topic}'
+
+
+def _white(axis: AxisResult) -> Estimate:
+    """Return N, from the spectrum where the Allan deviation shows no white noise."""
+    found = axis.white_density
+    return axis.model.N if found is axis.noise_density else two_sided(found)
+
+
+def _walk(axis: AxisResult) -> Estimate:
+    process = axis.model.gauss_markov
+    if axis.model.K.value is None and process is not None and process.q_c.value is not None:
+        return process.q_c
+    return axis.model.K
+
+
+def _name(axis: AxisResult, term: str) -> str:
+    word = _measured(axis, term)
+    return axis.letter if word == 'measured' else f'{axis.letter} ({word})'
+
+
+def _measured(axis: AxisResult, term: str) -> str:
+    if term == 'K' and _walk(axis) is not axis.model.K:
+        return 'q_c of a Gauss-Markov process'
+    if term == 'N' and axis.white_density is not axis.noise_density:
+        return 'plateau of the spectrum'
+    return 'measured'
+
+
+def _upper(estimate: Estimate) -> str:
+    level = f'{100.0 * estimate.confidence:g} %'
+    if estimate.value is None:
+        return f'UPPER BOUND at {level}, not observable'
+    return f'upper end of the {level} interval'

@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From paths to results: recordings one after the other or side by side, axes side by side."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed, FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, replace
+from pathlib import Path
+import shutil
+from tempfile import mkdtemp
+from typing import Any, TYPE_CHECKING
+
+from imu_bench.errors import BenchError, DataError, os_error_text
+from imu_bench.metrology import workspace
+from imu_bench.offline.failure import Failure
+from imu_bench.offline.mapped import locate, Shelf
+from imu_bench.offline.recordings import ReadOptions, Recording
+from imu_bench.offline.recordings.cache import columns, Read
+from imu_bench.offline.recordings.loading import stored_bytes
+from imu_bench.offline.settings import Settings
+from imu_bench.offline.workers import answer, Here, Workers
+
+# The estimators are imported where they are used: while this process reads a recording, the
+# others import them, and this one when it has nothing else to do.
+if TYPE_CHECKING:
+    from imu_bench.metrology.timing import Grid
+    from imu_bench.offline.analyse import Prepared
+    from imu_bench.offline.axes import Axis
+    from imu_bench.offline.axis_result import AxisResult
+    from imu_bench.offline.results import RecordingResult
+
+Phase = Callable[[str], Callable[[int, int], None]]
+"""Begins a phase of the work; returns the function that takes what is done, and the total."""
+
+Idle = Callable[[], None]
+
+SMALL = 64 << 20
+"""Bytes of a recording below which one process does all of it when there are several."""
+
+_AT_ONCE = 100_000_000
+"""Samples that are worked on at once: each costs a few bytes, in whatever process."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """
+    What is to be done with every recording.
+
+    Attributes
+    ----------
+    options : ReadOptions
+    settings : Settings
+    keep : Path or None
+        Folder in which columns of large recordings are kept.
+    """
+
+    options: ReadOptions
+    settings: Settings
+    keep: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of one recording: results of its topics, and what failed."""
+
+    results: tuple[RecordingResult, ...]
+    failures: tuple[Failure, ...] = ()
+
+
+def idle_away() -> None:
+    """Do nothing with the time."""
+
+
+def nobody(title: str) -> Callable[[int, int], None]:
+    """Begin a phase that nobody watches."""
+    return lambda done, total: None
+
+
+def analyse_files(
+    paths: Sequence[Path],
+    order: Order,
+    workers: Workers,
+    told: Callable[[int, Outcome], None],
+    phase: Phase = nobody,
+    idle: Idle = idle_away,
+) -> None:
+    """
+    Analyse recordings, many small ones side by side.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    order : Order
+    workers : Workers
+    told : callable
+        Called with the number of a recording and its outcome, in the order they are done.
+    phase : callable, optional
+        Shows progress.
+    idle : callable, optional
+        Called when work has been handed out and there is time.
+    """
+    side_by_side = [
+        number
+        for number, path in enumerate(paths)
+        if len(paths) > 1 and workers.jobs > 1 and _bytes(path) < SMALL
+    ]
+    if side_by_side:
+        step = phase(f'analysing {len(side_by_side)} recordings')
+        futures = {workers.submit(analyse_file, paths[k], order): k for k in side_by_side}
+        idle()
+        for done, future in enumerate(as_completed(futures), 1):
+            told(futures[future], _outcome(paths[futures[future]], future))
+            step(done, len(futures))
+    for number in sorted(set(range(len(paths))) - set(side_by_side)):
+        told(number, analyse_file(paths[number], order, workers, phase, idle))
+
+
+def analyse_file(
+    path: Path,
+    order: Order,
+    workers: Workers | None = None,
+    phase: Phase = nobody,
+    idle: Idle = idle_away,
+) -> Outcome:
+    """
+    Return what becomes of one recording; what fails is in the outcome.
+
+    Parameters
+    ----------
+    path : Path
+    order : Order
+    workers : Workers, optional
+        Who measures the axes; this process if nobody is given.
+    phase : callable, optional
+        Shows progress.
+    idle : callable, optional
+        Called when work has been handed out and there is time.
+    """
+    reading = phase(f'reading {path.name}')
+    try:
+        with columns(path, order.options, keep=order.keep, progress=reading) as read:
+            run = _Run(path, read, order.settings, workers or Here())
+            return run.outcome(phase(f'analysing {path.name}'), idle)
+    except (BenchError, OSError, MemoryError) as error:
+        return Outcome((), (_failure(path, error),))
+
+
+class _Run:
+    """The topics of one recording on their way through the workers."""
+
+    def __init__(self, path: Path, read: Read, settings: Settings, workers: Workers) -> None:
+        self._path = path
+        self._read = read
+        self._settings = settings
+        self._workers = workers
+        self._mapped = any(locate(r.samples.stamps) is not None for r in read.recordings)
+        self._scratch: Path | None = None
+        self._prepared: dict[int, Prepared] = {}
+        self._axes: dict[int, dict[str, AxisResult]] = {}
+        self._results: dict[int, RecordingResult] = {}
+        self._failures: dict[int, Failure] = {}
+        self._waiting: deque[tuple[int, str]] = deque()
+        self._running: dict[Future[Any], tuple[int, str]] = {}
+
+    def outcome(self, step: Callable[[int, int], None], idle: Idle) -> Outcome:
+        """Do all of it."""
+        if self._mapped:
+            self._scratch = Path(mkdtemp(prefix='imu_bench_'))
+        try:
+            self._waiting.extend((number, '') for number in range(len(self._read.recordings)))
+            self._begin_some()
+            idle()
+            while self._running:
+                for future in wait(self._running, return_when=FIRST_COMPLETED).done:
+                    self._take(future, *self._running.pop(future))
+                self._begin_some()
+                done = sum(map(len, self._axes.values()))
+                step(done, max(1, sum(len(p.axes) for p in self._prepared.values())))
+        finally:
+            if self._scratch is not None:
+                shutil.rmtree(self._scratch, ignore_errors=True)
+        return Outcome(
+            tuple(self._results[number] for number in sorted(self._results)),
+            tuple(self._failures[number] for number in sorted(self._failures)),
+        )
+
+    def _begin_some(self) -> None:
+        """Hand out work as long as somebody is free and there is memory for it."""
+        while self._waiting and len(self._running) <= 2 * self._workers.jobs:
+            number, name = self._waiting[0]
+            recording = self._read.recordings[number]
+            busy = sum(len(self._read.recordings[k]) for k, _ in self._running.values())
+            if self._running and busy + len(recording) > _AT_ONCE:
+                return
+            self._waiting.popleft()
+            future = self._begin(number, name, recording)
+            self._running[future] = (number, name)
+
+    def _begin(self, number: int, name: str, recording: Recording) -> Future[Any]:
+        folder = None if self._scratch is None else self._scratch / str(number)
+        if not name:
+            problems = tuple(self._read.problems)
+            return self._workers.submit(_prepare, recording, self._settings, problems, folder)
+        ready = self._prepared[number]
+        axis = next(axis for axis in ready.axes if axis.name == name)
+        arguments = (axis, ready.grid, ready.start_s, ready.settings, folder)
+        return self._workers.submit(_measure, *arguments)
+
+    def _take(self, future: Future[Any], number: int, name: str) -> None:
+        try:
+            found = answer(future)
+        except (BenchError, OSError, MemoryError) as error:
+            if isinstance(error, DataError) and number in self._prepared:
+                error = DataError(f'{self._prepared[number].result.where}: {error}')
+            self._failures.setdefault(number, _failure(self._path, error))
+            self._waiting = deque(item for item in self._waiting if item[0] != number)
+            return
+        if not name:
+            self._prepared[number] = found
+            self._axes[number] = {}
+            self._waiting.extend((number, axis.name) for axis in found.axes)
+            return
+        self._axes[number][name] = found
+        ready = self._prepared[number]
+        if len(self._axes[number]) == len(ready.axes):
+            from imu_bench.offline.analyse import finish
+
+            self._results[number] = finish(ready, self._axes[number])
+            if self._scratch is not None:
+                shutil.rmtree(self._scratch / str(number), ignore_errors=True)
+
+
+def _prepare(
+    recording: Recording, settings: Settings, problems: Sequence[str], scratch: Path | None
+) -> Prepared:
+    from imu_bench.offline.analyse import prepare
+
+    if scratch is None:
+        return prepare(recording, settings, problems)
+    shelf = Shelf(scratch)
+    with workspace.borrowing(lambda size, dtype: shelf.empty((size,), dtype)):
+        ready = prepare(recording, settings, problems)
+    grid = replace(ready.grid, index=shelf.put(ready.grid.index), keep=shelf.put(ready.grid.keep))
+    return replace(ready, grid=grid)
+
+
+def _measure(
+    axis: Axis, grid: Grid, start_s: float, settings: Settings, scratch: Path | None
+) -> AxisResult:
+    from imu_bench.offline.analyse import measure
+
+    if scratch is None:
+        return measure(axis, grid, start_s, settings)
+    with workspace.borrowing(Shelf(scratch).lend):
+        return measure(axis, grid, start_s, settings)
+
+
+def _outcome(path: Path, future: Future[Outcome]) -> Outcome:
+    try:
+        return answer(future)
+    except BenchError as error:
+        return Outcome((), (_failure(path, error),))
+
+
+def _failure(path: Path, error: BenchError | OSError | MemoryError) -> Failure:
+    if isinstance(error, BenchError):
+        return Failure(str(path), str(error))
+    if isinstance(error, OSError):
+        return Failure(str(path), os_error_text(error))
+    return Failure(str(path), f'{path}: not enough memory: analyse a part of it (--start, --end)')
+
+
+def _bytes(path: Path) -> int:
+    try:
+        return stored_bytes(path)
+    except OSError:
+        return 0

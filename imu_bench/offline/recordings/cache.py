@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of large recordings in files, to be read again without the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+import hashlib
+import json
+import os
+from pathlib import Path
+import shutil
+from tempfile import mkdtemp
+from typing import Any
+
+from imu_bench import __version__
+from imu_bench.errors import RecordingError
+from imu_bench.offline.mapped import attach, locate, Place, Shelf
+from imu_bench.offline.recordings.loading import load_all, Progress, Recording, stored_bytes
+from imu_bench.offline.recordings.opening import open_source
+from imu_bench.offline.recordings.options import ReadOptions
+from imu_bench.samples import Samples
+import numpy as np
+
+LARGE = 8 << 20
+"""Bytes of a recording from which its columns go to disk."""
+
+SCHEMA = 'imu_bench.columns/1'
+_INDEX = 'columns.json'
+_FIELDS = ('acceleration', 'angular_velocity', 'magnetic_field', 'temperature')
+_PLAIN = (
+    'source', 'topic', 'frame_id', 'announced', 'stored', 'left_out', 'stamp_source',
+    'stamp_reason',
+)  # fmt: skip
+_EDGE = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class Read:
+    """
+    What was read of a recording.
+
+    Attributes
+    ----------
+    recordings : list of Recording
+        One per topic.
+    problems : list of str
+        What went wrong while it was opened and read.
+    """
+
+    recordings: list[Recording]
+    problems: list[str]
+
+
+@contextmanager
+def columns(
+    path: Path,
+    options: ReadOptions,
+    *,
+    keep: Path | None = None,
+    progress: Progress | None = None,
+) -> Iterator[Read]:
+    """
+    Give the topics of a recording, from a cache if they are there.
+
+    The columns of a large recording lie in files; those are removed afterwards unless
+    they are to be kept.
+
+    Parameters
+    ----------
+    path : Path
+        Of the recording.
+    options : ReadOptions
+    keep : Path, optional
+        Folder in which columns are kept, one folder for each recording.
+    progress : callable, optional
+        Called with (messages read, messages expected).
+
+    Raises
+    ------
+    RecordingError
+        As ``open_source``, ``Source.select`` and ``load_all``; or if the disk is full.
+    """
+    if not path.exists() or stored_bytes(path) < LARGE:
+        with open_source(path, options) as source:
+            found = load_all(source, source.select(options.topics), progress)
+            yield Read(found, source.problems)
+        return
+    if keep is None:
+        folder = Path(mkdtemp(prefix='imu_bench_'))
+        try:
+            _fill(folder, path, options, progress)
+            yield _restored(folder)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+        return
+    folder = keep / f'{path.stem}-{fingerprint(path, options)[:16]}'
+    if (read := _found(folder)) is None:
+        _make(folder, path, options, progress)
+        read = _restored(folder)
+    yield read
+
+
+def fingerprint(path: Path, options: ReadOptions, *more: object) -> str:
+    """
+    Return what changes when a recording, or what is asked of it, changes.
+
+    Names, sizes, times and both ends of its files are looked at, not all of their bytes.
+    """
+    known = hashlib.sha256()
+    known.update(json.dumps([SCHEMA, __version__, asdict(options), *map(str, more)]).encode())
+    files = sorted(file for file in path.rglob('*') if file.is_file()) if path.is_dir() else [path]
+    for file in files:
+        state = file.stat()
+        known.update(f'{file.resolve()}\0{state.st_size}\0{state.st_mtime_ns}\0'.encode())
+        with file.open('rb') as opened:
+            known.update(opened.read(_EDGE))
+            opened.seek(max(0, state.st_size - _EDGE))
+            known.update(opened.read(_EDGE))
+    return known.hexdigest()
+
+
+def _make(folder: Path, path: Path, options: ReadOptions, progress: Progress | None) -> None:
+    """Make a folder of columns, which is there as a whole or not at all."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = Path(mkdtemp(prefix=f'.{folder.name}.', dir=folder.parent))
+    try:
+        _fill(unfinished, path, options, progress)
+        shutil.rmtree(folder, ignore_errors=True)
+        unfinished.rename(folder)
+    except OSError:
+        # another process has made the same folder meanwhile
+        if not (folder / _INDEX).is_file():
+            raise
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def _fill(folder: Path, path: Path, options: ReadOptions, progress: Progress | None) -> None:
+    shelf = Shelf(folder)
+    with open_source(path, options) as source:
+        found = load_all(source, source.select(options.topics), progress, shelf.empty)
+        document: dict[str, Any] = {
+            'schema': SCHEMA,
+            'problems': source.problems,
+            'recordings': [_described(recording) for recording in found],
+        }
+    text = json.dumps(document, ensure_ascii=False)
+    # written last: without it the folder is not complete
+    (folder / _INDEX).write_text(text, encoding='utf-8')
+    used = {
+        place['path']
+        for recording in document['recordings']
+        for place in recording['columns'].values()
+    }
+    for file in folder.glob('*.bin'):
+        if file.name not in used:  # a column that was outgrown, or is not complete
+            file.unlink()
+
+
+def _described(recording: Recording) -> dict[str, Any]:
+    arrays = {
+        'stamps': recording.samples.stamps,
+        'receive_ns': recording.receive_ns,
+        **{name: getattr(recording.samples, name) for name in _FIELDS},
+    }
+    places = {name: locate(array) for name, array in arrays.items() if array is not None}
+    return {
+        **{name: getattr(recording, name) for name in _PLAIN},
+        'notes': list(recording.notes),
+        'columns': {
+            name: {**place._asdict(), 'path': os.path.basename(place.path)}
+            for name, place in places.items()
+            if place is not None
+        },
+    }
+
+
+def _found(folder: Path) -> Read | None:
+    """Return what an earlier run has left, None if that is nothing that can be used."""
+    try:
+        return _restored(folder)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _restored(folder: Path) -> Read:
+    document = json.loads((folder / _INDEX).read_text(encoding='utf-8'))
+    if document['schema'] != SCHEMA:
+        raise RecordingError(f'{folder}: columns of another version')
+    found = [_recording(folder, described) for described in document['recordings']]
+    return Read(found, list(document['problems']))
+
+
+def _recording(folder: Path, described: Mapping[str, Any]) -> Recording:
+    arrays: dict[str, Any] = {}
+    for name, place in described['columns'].items():
+        file = folder / Path(place['path']).name
+        shape, strides = tuple(place['shape']), tuple(place['strides'])
+        arrays[name] = attach(Place(str(file), place['offset'], place['dtype'], shape, strides))
+    receive: np.ndarray[Any, np.dtype[np.int64]] | None = arrays.pop('receive_ns', None)
+    return Recording(
+        samples=Samples(**arrays),
+        receive_ns=receive,
+        notes=tuple(described['notes']),
+        **{name: described[name] for name in _PLAIN},
+    )

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Processes that share the work of an analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+import gc
+import io
+import multiprocessing
+from multiprocessing import connection, forkserver
+from multiprocessing.context import BaseContext
+import os
+import pickle
+import signal
+import threading
+from types import TracebackType
+from typing import Any, Protocol, TypeVar
+
+from imu_bench.errors import RecordingError
+from imu_bench.offline.mapped import attach, locate, Residency
+import numpy as np
+
+Answer = TypeVar('Answer')
+
+MAPPED_BYTES = 96 << 20
+"""Pages of mapped columns that one process may hold."""
+
+_PRELOADED = ('imu_bench.offline.analyse', 'imu_bench.offline.report', 'scipy.signal')
+_ONE_THREAD = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
+
+
+class Workers(Protocol):
+    """Somebody who works: here, in processes of this machine, or in a cluster."""
+
+    jobs: int
+    """How much is worked on at once."""
+
+    def submit(self, function: Callable[..., Answer], *arguments: Any) -> Future[Answer]:
+        """Begin a piece of work."""
+
+
+class Here:
+    """
+    Does the work at once, in this process.
+
+    Examples
+    --------
+    >>> Here().submit(len, 'abc').result()
+    3
+    """
+
+    jobs = 1
+
+    def submit(self, function: Callable[..., Answer], *arguments: Any) -> Future[Answer]:
+        """Do a piece of work; what goes wrong is in its result."""
+        done: Future[Answer] = Future()
+        try:
+            done.set_result(function(*arguments))
+        except Exception as error:  # as an executor does: it is raised where the result is taken
+            done.set_exception(error)
+        return done
+
+
+class Processes:
+    """
+    Processes of this machine.
+
+    Mapped arrays in arguments and answers are not copied: their files are opened.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of processes.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+        for name in _ONE_THREAD:
+            # the processes are the threads; read by the linear algebra library when it loads
+            os.environ.setdefault(name, '1')
+        self._others = set(multiprocessing.active_children())
+        self._pool = ProcessPoolExecutor(jobs, mp_context=_context(), initializer=_begin)
+
+    def submit(self, function: Callable[..., Answer], *arguments: Any) -> Future[Answer]:
+        """Begin a piece of work in one of the processes."""
+        packed = self._pool.submit(_work, _packed((function, arguments)))
+        answer: Future[Answer] = Future()
+        packed.add_done_callback(lambda done: _unpack(done, answer))
+        return answer
+
+    def __enter__(self) -> Processes:
+        if _context().get_start_method() == 'forkserver':
+            # it imports everything once, while this process opens the recording
+            forkserver.ensure_running()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is not None:  # stopped: nobody waits for what is under way
+            for process in set(multiprocessing.active_children()) - self._others:
+                process.terminate()
+        self._pool.shutdown(cancel_futures=True)
+
+
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def answer(future: Future[Answer]) -> Answer:
+    """
+    Return what came of a piece of work.
+
+    Raises
+    ------
+    RecordingError
+        If the process that did it died.
+    """
+    try:
+        return future.result()
+    except BrokenProcessPool as problem:
+        raise RecordingError(
+            'a process of the analysis was killed, most likely for want of memory: '
+            'try again with fewer --jobs'
+        ) from problem
+
+
+def _context() -> BaseContext:
+    methods = multiprocessing.get_all_start_methods()
+    if 'forkserver' not in methods:
+        return multiprocessing.get_context('spawn')
+    context = multiprocessing.get_context('forkserver')
+    context.set_forkserver_preload(list(_PRELOADED))
+    return context
+
+
+def _begin() -> None:
+    """Prepare a process."""
+    gc.freeze()  # what was imported stays
+    # Ctrl-C is for the one who gave the work
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    Residency(MAPPED_BYTES).__enter__()
+
+
+def _end_with(sentinel: int) -> None:
+    """End this process when the one who gave the work has been killed."""
+    connection.wait([sentinel])
+    os._exit(1)
+
+
+def _work(packed: bytes) -> bytes:
+    function, arguments = pickle.loads(packed)
+    return _packed(function(*arguments))
+
+
+def _unpack(packed: Future[bytes], answer: Future[Any]) -> None:
+    if packed.cancelled():
+        answer.cancel()
+    elif (problem := packed.exception()) is not None:
+        answer.set_exception(problem)
+    else:
+        answer.set_result(pickle.loads(packed.result()))
+
+
+def _packed(what: object) -> bytes:
+    stream = io.BytesIO()
+    _Pickler(stream, pickle.HIGHEST_PROTOCOL).dump(what)
+    return stream.getvalue()
+
+
+class _Pickler(pickle.Pickler):
+    """Writes where a mapped array lies instead of what is in it."""
+
+    def reducer_override(self, item: object) -> Any:
+        if isinstance(item, np.ndarray) and (place := locate(item)) is not None:
+            return attach, (place,)
+        return NotImplemented

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Findings that the finished axes make: said once, with names; a sensor that moved makes none."""
+
+from dataclasses import replace
+
+from imu_bench.offline.analyse import analyse
+from imu_bench.offline.check_findings import axis_findings
+import numpy as np
+
+
+def louder_at_the_end(samples):
+    acceleration = np.array(samples.acceleration)
+    middle = len(samples) // 2
+    acceleration[middle:, 1] += np.random.default_rng(9).normal(0.0, 0.03, middle)
+    return replace(samples, acceleration=acceleration)
+
+
+def test_steady_noise_makes_none(recording_of, noise):
+    result = analyse(recording_of(noise(5)))
+    assert result.health.findings == ()
+
+
+def test_a_change_is_a_warning_that_names_the_axis(recording_of, noise):
+    result = analyse(recording_of(louder_at_the_end(noise(6))))
+    [finding] = [f for f in result.health.findings if f.code == 'unsteady_noise']
+    assert finding.severity == 'warning'
+    assert 'linear_acceleration.y by a factor of 1.9' in finding.text
+    assert 'linear_acceleration.x' not in finding.text
+    assert result.health.severity == 'warning'
+
+
+def test_many_axes_are_not_all_named(recording_of, noise):
+    samples = noise(7)
+    ramp = np.linspace(0.5, 2.0, len(samples))[:, None]
+    loud = replace(
+        samples,
+        acceleration=samples.acceleration * [0, 0, 1] + ramp * noise(8).acceleration,
+        angular_velocity=ramp * samples.angular_velocity,
+    )
+    axes = list(analyse(recording_of(loud)).axes.values())
+    [finding] = [f for f in axis_findings(axes, moved=False) if f.code == 'unsteady_noise']
+    assert finding.text.count('factor') == 4
+    assert 'and 2 more' in finding.text
+    assert [f for f in axis_findings(axes, moved=True) if f.code == 'unsteady_noise'] == []
+
+
+def test_a_contradiction_of_the_spectrum_names_the_coefficient(recording_of, noise):
+    axis = analyse(recording_of(noise(9))).axes['angular_velocity.z']
+    second = replace(axis.checks.second, disagreements=('N from here is 1 to 2, from there 3',))
+    changed = replace(axis, checks=replace(axis.checks, second=second))
+    [finding] = axis_findings([changed], moved=False)
+    assert finding.code == 'methods_disagree'
+    assert 'N of angular_velocity.z' in finding.text

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The spectrum agrees on noise, contradicts what is not; the tangent is there by name."""
+
+from imu_bench.metrology import allan, coefficients
+from imu_bench.offline import second_opinion
+from imu_bench.offline.blocks import averages
+from imu_bench.offline.second_opinion import SecondOpinion
+import numpy as np
+import pytest
+
+RATE_HZ = 100.0
+
+
+def ask(x, size=1):
+    curve = allan.deviation(x, RATE_HZ, unit='rad/s')
+    model = coefficients.fit(curve)
+    return model, second_opinion.ask(model, curve, averages(x, RATE_HZ, size), 0.95)
+
+
+@pytest.mark.parametrize('size', [1, 7])
+def test_they_agree_on_white_noise_and_random_walk(size):
+    for seed in range(8):
+        rng = np.random.default_rng([3, seed])
+        x = rng.normal(0.0, 1e-3, 60_000) + np.cumsum(rng.normal(0.0, 1e-5, 60_000))
+        _, found = ask(x, size)
+        assert found.disagreements == ()
+        N = found.coefficients['whittle']['N']
+        assert N.value == pytest.approx(1e-4, rel=0.01 if size == 1 else 0.05)
+        assert N.low <= N.value <= N.high
+
+
+def test_noise_that_comes_and_goes_is_contradicted():
+    rng = np.random.default_rng(4)
+    x = rng.normal(0.0, 1e-3, 200_000)
+    x[100_000:120_000] += np.repeat(rng.normal(0.0, 3e-3, 200), 100)
+    _, found = ask(x)
+    assert found.disputed
+    assert all(sentence[0] in 'QNBK' for sentence in found.disagreements)
+
+
+def test_a_ramp_is_no_random_walk_to_the_spectrum():
+    x = np.random.default_rng(5).normal(0.0, 1e-3, 200_000) + 1e-8 * np.arange(200_000)
+    model, found = ask(x)
+    assert 'R' in model.terms
+    assert found.disagreements == ()
+    assert found.coefficients['whittle']['N'].value == pytest.approx(1e-4, rel=0.02)
+
+
+def test_the_tangent_method_always_has_three_numbers_and_no_interval():
+    _, found = ask(np.random.default_rng(6).normal(0.0, 1e-3, 50_000))
+    tangent = found.coefficients['tangent']
+    assert all(tangent[term].value is not None for term in 'NBK')
+    assert tangent['N'].value == pytest.approx(1e-4, rel=0.1)
+    assert tangent['B'].low is None
+    assert not tangent['Q'].observable
+
+
+def test_json_gives_it_back():
+    _, found = ask(np.random.default_rng(7).normal(0.0, 1e-3, 20_000))
+    document = found.to_json()
+    assert set(document) == {'coefficients_whittle', 'coefficients_tangent', 'disagreements'}
+    assert SecondOpinion.from_json(document).to_json() == document
+    assert SecondOpinion.from_json({}) is None
