@@ -54,14 +54,16 @@ def run(arguments: argparse.Namespace) -> int:
         check_output(output)
     analyses = [results.read(path) for path in arguments.results]
     across = compare_runs(named(arguments.results, analyses))
-    _show(across, console())
+    # files first: the reader of a pipe may leave before the end of the tables
     if arguments.json is not None:
         document = json.dumps(across.to_json(), ensure_ascii=False, allow_nan=False, indent=1)
         arguments.json.write_text(document + '\n', encoding='utf-8')
-        print(f'wrote {arguments.json}')
     if arguments.html is not None:
         runs_page.write(across, arguments.html)
-        print(f'wrote {arguments.html}')
+    _show(across, console())
+    for output in (arguments.json, arguments.html):
+        if output is not None:
+            print(f'wrote {output}')
     return DONE
 
 

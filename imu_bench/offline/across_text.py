@@ -10,7 +10,15 @@ from typing import NamedTuple
 
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.across import Across, Line
-from imu_bench.offline.notation import count, number, percent, readable_unit, text, value_text
+from imu_bench.offline.notation import (
+    count,
+    number,
+    percent,
+    rate_text,
+    readable_unit,
+    text,
+    value_text,
+)
 from imu_bench.units import convert
 
 _TITLES = {
@@ -46,6 +54,8 @@ class Row(NamedTuple):
 
 def row(line: Line) -> Row:
     """Return the cells of one line."""
+    if line.parameter == 'rate':
+        return _rate(line)
     unit = line.reference.unit
     if line.parameter in _ROLES:
         sizes = [e.value if e.value is not None else e.high
@@ -58,6 +68,22 @@ def row(line: Line) -> Row:
         text(line.value, unit),
         _signed(line.difference, unit),
         '–' if line.ratio.value is None else f'{value_text(line.ratio)}',
+        '–' if line.e_n is None else f'{line.e_n:+.2f}',
+        line.verdict,
+    )
+
+
+def _rate(line: Line) -> Row:
+    """Return the cells of a clock: nobody reads eleven digits, but everybody parts per million."""
+    difference, reference = line.difference.value, line.reference.value
+    known = difference is not None and reference
+    return Row(
+        line.axis or 'sensor',
+        _TITLES[line.parameter],
+        rate_text(line.reference),
+        rate_text(line.value),
+        f'{1e6 * (difference or 0.0) / (reference or 1.0):+.3g} ppm' if known else '–',
+        '–',
         '–' if line.e_n is None else f'{line.e_n:+.2f}',
         line.verdict,
     )
