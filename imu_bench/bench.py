@@ -168,7 +168,7 @@ def simulate(sensor: SensorConfig, scenario: Scenario, *, run: int = 0) -> Simul
     from imu_bench.simulation.world import errors_of, sensor_source
 
     device = _emulated(sensor, SimulatedClock())
-    typical = _typical_as_set(device) if isinstance(device, Driver) else {}
+    typical: Mapping[str, Any] = _typical_as_set(device) if isinstance(device, Driver) else {}
     rates = {
         quantity: device.rates_hz.get(quantity, device.rate_hz)
         for quantity in errors_of(sensor, typical)

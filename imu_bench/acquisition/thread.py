@@ -42,7 +42,7 @@ class Device(Protocol):
 
     counters: Counter[str]
     continuity: int
-    skipped: Mapping[int, int]
+    skipped: dict[int, int]
 
     @property
     def rate_hz(self) -> float: ...

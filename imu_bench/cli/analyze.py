@@ -142,8 +142,8 @@ def _present(
 
 def _recordings(path: str, failures: list[Failure]) -> Sequence[Path]:
     """Return the recording named, or those found in a folder named."""
-    from imu_bench.offline.recordings import find_recordings
     from imu_bench.offline.failure import Failure
+    from imu_bench.offline.recordings import find_recordings
 
     try:
         return find_recordings(path)

@@ -21,8 +21,8 @@ from imu_bench.offline.recordings.loading import stored_bytes
 from imu_bench.offline.workers import Here, MAPPED_BYTES, Processes, usable_cores, Workers
 
 if TYPE_CHECKING:
-    from imu_bench.offline.recordings import ReadOptions
     from imu_bench.offline.failure import Failure
+    from imu_bench.offline.recordings import ReadOptions
     from imu_bench.offline.results import RecordingResult
     from imu_bench.offline.settings import Settings
 

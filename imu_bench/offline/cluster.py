@@ -45,7 +45,9 @@ class Cluster:
             self._client = Client(address, timeout=_PATIENCE_S, set_as_default=False)
         except (OSError, ValueError, TypeError) as problem:
             reason = ' '.join(str(problem).split()) or type(problem).__name__
-            raise RecordingError(f'--scheduler {address}: no scheduler there: {reason}') from problem
+            raise RecordingError(
+                f'--scheduler {address}: no scheduler there: {reason}'
+            ) from problem
         self._executor = self._client.get_executor(pure=False)
         self.jobs = max(1, sum(self._client.nthreads().values()))
 

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _NOT_OFFERED = (errno.EOPNOTSUPP, errno.EINVAL)  # by some file systems
-_WATCH_S = 0.02
+_WATCH_S = 0.004
 _STATISTICS = Path('/proc/self/statm')
 
 
