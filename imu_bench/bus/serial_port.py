@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import errno
+from typing import Any
 
 from imu_bench.bus.failures import hardware_library, translate
 from imu_bench.errors import BusError
@@ -14,6 +15,9 @@ _ENABLE = 'list the lines with "ls /dev/ttyUSB* /dev/ttyACM* /dev/serial*", chec
 class SerialPort:
     """
     A ByteStream, 8 data bits, no parity, one stop bit, for this program alone.
+
+    A line that failed is opened again when it is used next: a USB plug that was pulled and
+    put back is another device under the same name.
 
     Parameters
     ----------
@@ -31,35 +35,64 @@ class SerialPort:
 
     def __init__(self, path: str, baud: int) -> None:
         self.name = path
-        serial = hardware_library('serial', 'pyserial')
+        self._library = hardware_library('serial', 'pyserial')
+        self._baud = baud
+        self._port: Any = None
+        self._was_there = False
+        self._opened()
+
+    @property
+    def baud(self) -> int:
+        """Speed in bit/s."""
+        return self._baud
+
+    @baud.setter
+    def baud(self, baud: int) -> None:
         try:
-            self._port = serial.Serial(path, baud, timeout=0.0, write_timeout=1.0, exclusive=True)
+            self._opened().baudrate = baud
         except OSError as error:
             raise self._failure(error) from error
+        self._baud = baud
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has arrived, waiting up to `timeout_s` for the first byte."""
+        port = self._opened()
         try:
-            self._port.timeout = timeout_s
-            first = bytes(self._port.read(1))
-            return first + bytes(self._port.read(self._port.in_waiting)) if first else first
+            port.timeout = timeout_s
+            first = bytes(port.read(1))
+            return first + bytes(port.read(port.in_waiting)) if first else first
         except OSError as error:
             raise self._failure(error) from error
 
     def write(self, data: bytes) -> None:
         """Send bytes; return when they are on the line."""
+        port = self._opened()
         try:
-            self._port.write(data)
-            self._port.flush()
+            port.write(data)
+            port.flush()
         except OSError as error:
             raise self._failure(error) from error
 
     def close(self) -> None:
         """Release the device."""
-        self._port.close()
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _opened(self) -> Any:
+        if self._port is None:
+            try:
+                self._port = self._library.Serial(
+                    self.name, self._baud, timeout=0.0, write_timeout=1.0, exclusive=True
+                )
+            except OSError as error:
+                raise self._failure(error) from error
+            self._was_there = True
+        return self._port
 
     def _failure(self, error: OSError) -> BusError:
+        self.close()
         # pyserial raises its own OSError, often without errno, when the plug is pulled
-        if error.errno is None:
+        if error.errno is None or (self._was_there and error.errno == errno.ENOENT):
             error = OSError(errno.ENODEV, str(error))
         return translate(error, self.name, group='dialout', enable=_ENABLE)
