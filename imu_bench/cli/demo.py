@@ -111,14 +111,18 @@ def _live(
                 show(monitor, processes, UP_WITHIN_S, duration_s)
             except KeyboardInterrupt:
                 print('stopping', file=sys.stderr)
+            # while the monitor listens: a sensor says as it goes what it lost at last
+            _stop(processes, sensors)
             return monitor
     finally:
         # the recorder last: it writes down what the others say as they go
         for group in (sensors, ['analysis'], ['recorder']):
-            for name in processes.stop(group):
-                print(
-                    f'{name} did not stop and was killed: {processes.log(name)}', file=sys.stderr
-                )
+            _stop(processes, group)
+
+
+def _stop(processes: BenchProcesses, names: list[str]) -> None:
+    for name in processes.stop(names):
+        print(f'{name} did not stop and was killed: {processes.log(name)}', file=sys.stderr)
 
 
 def _start(bench: BenchConfig, folder: Path, processes: BenchProcesses) -> None:

@@ -53,7 +53,9 @@ def plain(fields):
 
 def test_imu_messages_are_decoded_alike(ros, tmp_path):
     ours = []
-    ros.add(Node, 'listener').create_subscription(Imu, '/bench/left/imu/data_raw', ours.append, 99)
+    ros.add(Node, 'listener').create_subscription(
+        Imu, '/bench/left/imu/data_raw', ours.append, 5000
+    )
     foreign = ForeignClient(tmp_path, 'Imu', '/bench/left/imu/data_raw', 100)
     ros.add(SensorNode, 'left', parameters=SENSOR | {'linear_acceleration_stddev': 0.125})
     ros.spin_until(lambda: foreign.done, 'the foreign client has 100 messages')
