@@ -4,7 +4,11 @@
 # waits until it says that it publishes, interrupts it, and wants a clean exit.
 set -eu
 prefix=$1/imu_bench
+# colcon's setup files are not written for `set -u`, and a POSIX shell must be told where they lie
+set +u
+COLCON_CURRENT_PREFIX=$1
 . "$1/setup.sh"
+set -u
 export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
