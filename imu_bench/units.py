@@ -37,6 +37,7 @@ def _dimensions() -> dict[str, dict[str, float]]:
     root_hour = math.sqrt(HOUR)
     return {
         'number': {'1': 1.0, '%': 1e-2, 'ppm': 1e-6},
+        'level': {'dB': 1.0},
         'acceleration': _ACCELERATION,
         'angular velocity': _RATE,
         'velocity': {'m/s': 1.0, 'mm/s': 1e-3},

@@ -16,6 +16,7 @@ from imu_bench.bags.block import Block, Channel, join, Storage
 from imu_bench.bags.compression import expand, expand_file, ZSTD_MAGIC
 from imu_bench.bags.mcap import McapFile
 from imu_bench.bags.metadata import Announcement
+from imu_bench.bags.problems import COUNTS, INCOMPLETE, Problem
 from imu_bench.errors import RecordingError
 
 _SPLIT = re.compile(r'^(?P<stem>.*?)(?:_(?P<number>\d+))?(?P<suffix>\.(?:db3|mcap)(?:\.zstd)?)$')
@@ -52,21 +53,20 @@ class Bag:
         self._problems: list[str] = []
         self._folder: Path | None = None
         self._cleaning: weakref.finalize[..., Bag] | None = None
+        self.storages: tuple[Storage, ...] = ()
         self.announcement = self._announcement()
         self.files = self._files()
-        opened = [self._try_open(file) for file in self.files]
-        storages = [storage for storage in opened if not isinstance(storage, RecordingError)]
-        failures = [failure for failure in opened if isinstance(failure, RecordingError)]
-        if not storages:
-            raise failures[0]
-        self._problems.extend(f'not read: {failure}' for failure in failures)
-        self.storages: tuple[Storage, ...] = tuple(storages)
-        self.channels: tuple[Channel, ...] = tuple(
-            dict.fromkeys(channel for storage in storages for channel in storage.channels)
-        )
-        self.counts: dict[str, int] = self._count()
+        try:
+            self.storages = self._opened()
+            self.channels: tuple[Channel, ...] = tuple(
+                dict.fromkeys(channel for storage in self.storages for channel in storage.channels)
+            )
+            self.counts: dict[str, int] = self._count()
+        except BaseException:
+            self.close()
+            raise
         kinds = dict.fromkeys(
-            'mcap' if isinstance(storage, McapFile) else 'sqlite3' for storage in storages
+            'mcap' if isinstance(storage, McapFile) else 'sqlite3' for storage in self.storages
         )
         self.format = 'rosbag2 ' + ' and '.join(kinds)
         self._compare()
@@ -98,14 +98,14 @@ class Bag:
         if not self.path.is_dir():
             return None
         if not file.is_file():
-            self._problems.append(
+            self._report(
                 'no metadata.yaml: the recorder did not close the bag; the files are scanned'
             )
             return None
         try:
             found = metadata.read(file)
         except (RecordingError, OSError) as problem:
-            self._problems.append(f'{problem}; the files are scanned')
+            self._report(f'{problem}; the files are scanned')
             return None
         if found.version > metadata.NEWEST_VERSION:
             self._problems.append(
@@ -125,9 +125,7 @@ class Bag:
         found = [present[name] for name in listed if name in present]
         missing = [name for name in listed if name not in present]
         if missing:
-            self._problems.append(
-                f'files named in metadata.yaml are missing: {", ".join(missing)}'
-            )
+            self._report(f'files named in metadata.yaml are missing: {", ".join(missing)}')
         if found:
             later = _continuations(found, present)
             if later:
@@ -137,6 +135,16 @@ class Bag:
                 )
             return (*found, *later)
         return only_recording(self.path, list(present.values()))
+
+    def _opened(self) -> tuple[Storage, ...]:
+        opened = [self._try_open(file) for file in self.files]
+        storages = [storage for storage in opened if not isinstance(storage, RecordingError)]
+        failures = [failure for failure in opened if isinstance(failure, RecordingError)]
+        if not storages:
+            raise failures[0]
+        for failure in failures:
+            self._report(f'not read: {failure}')
+        return tuple(storages)
 
     def _try_open(self, file: Path) -> Storage | RecordingError:
         try:
@@ -151,10 +159,16 @@ class Bag:
         if _magic(file).startswith(ZSTD_MAGIC):
             plain = self._temporary() / file.name.removesuffix('.zstd')
             if not expand_file(file, plain):
-                self._problems.append(f'{file.name}: damaged or cut off: read up to the damage')
+                self._report(f'{file.name}: damaged or cut off: read up to the damage')
             if not kind(plain):
                 raise RecordingError(f'{file}: damaged: nothing in it can be decompressed')
-        return sqlite.SqliteFile(plain) if kind(plain) == 'sqlite3' else McapFile(plain)
+        try:
+            return sqlite.SqliteFile(plain) if kind(plain) == 'sqlite3' else McapFile(plain)
+        except RecordingError as problem:  # which names the file it has seen
+            raise RecordingError(str(problem).replace(str(plain), str(file))) from problem
+
+    def _report(self, line: str) -> None:
+        self._problems.append(Problem(line, INCOMPLETE))
 
     def _temporary(self) -> Path:
         if self._folder is None:
@@ -188,9 +202,10 @@ class Bag:
         for topic, announced in self.announcement.counts.items():
             stored = self.counts.get(topic, 0)
             if stored != announced:
-                self._problems.append(
+                line = (
                     f'metadata.yaml announces {announced} messages on {topic}, {stored} are stored'
                 )
+                self._problems.append(Problem(line, COUNTS, topic))
         for topic, stored in self.counts.items():
             if stored and topic not in self.announcement.counts:
                 self._problems.append(
@@ -211,7 +226,7 @@ class Bag:
         if len(kept) < len(blobs):
             line = f'damaged compressed messages on {block.channel.topic} were skipped'
             if line not in self._problems:
-                self._problems.append(line)
+                self._report(line)
         whole = [blob for blob in blobs if blob is not None]
         return join(block.channel, block.receive_ns[kept], whole)
 

@@ -3,7 +3,46 @@
 
 from __future__ import annotations
 
+INCOMPLETE, COUNTS, STAMPS, NOT_A_NUMBER = 'incomplete', 'counts', 'stamps', 'not_a_number'
+"""Codes: parts not read; announced is not stored; stamps replaced; values left out."""
+
+REMARK = 'reading'
+"""Code of what is no damage."""
+
 _KEPT = 3
+
+
+class Problem(str):
+    """
+    One line on what happened while a recording was read, and what kind of thing it is.
+
+    Parameters
+    ----------
+    text : str
+    code : str, optional
+        One of the codes above.
+    topic : str, optional
+        If it is about one.
+
+    Examples
+    --------
+    >>> Problem('a.mcap: cut off', INCOMPLETE).code, code_of('some words')
+    ('incomplete', 'reading')
+    """
+
+    code: str
+    topic: str
+
+    def __new__(cls, text: str, code: str = REMARK, topic: str = '') -> Problem:
+        """Return the text with its code."""
+        made = super().__new__(cls, text)
+        made.code, made.topic = code, topic
+        return made
+
+
+def code_of(words: str) -> str:
+    """Return the code of a problem; words alone are a remark."""
+    return words.code if isinstance(words, Problem) else REMARK
 
 
 class Problems:
@@ -49,4 +88,4 @@ class Problems:
             found += lines
             if kind in self._more:
                 found.append(f'{self._more[kind]} more {kind}')
-        return [f'{self._name}: {line}' for line in found]
+        return [Problem(f'{self._name}: {line}', INCOMPLETE) for line in found]

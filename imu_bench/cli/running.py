@@ -7,7 +7,6 @@ import argparse
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
-import os
 from pathlib import Path
 import threading
 from typing import NamedTuple, TYPE_CHECKING
@@ -40,12 +39,6 @@ class Kept(NamedTuple):
     columns: Path | None
     results: Path | None
     stays: bool
-
-
-def one_thread_each() -> None:
-    """Keep the linear algebra library to one thread; counts if numpy is not imported yet."""
-    for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
-        os.environ.setdefault(name, '1')
 
 
 def workers(

@@ -85,51 +85,108 @@ def identify(
     >>> identify(np.cumsum(np.cumsum(white)), np.array([1, 10, 100, 1000])).tolist()
     [-2, -2, -2, -2]
     """
-    stretches = np.array([[0, phase.size]], np.int64) if runs is None else runs
-    lengths = stretches[:, 1] - stretches[:, 0]
+    whole = np.array([[0, phase.size]], np.int64)
+    return identify_within(Stretches(whole if runs is None else runs), phase, m, differences)
 
-    @lru_cache
-    def anchor(least: int) -> int | None:
-        """Return the noise at the longest averages of which there are at least so many."""
-        longest = _longest_with(lengths, least)
-        return at(longest) if longest else None
 
-    def at(factor: int) -> int | None:
-        averages = _averages(lengths, factor)
+def identify_within(
+    stretches: Stretches, phase: Floats, m: Integers, differences: int = 2
+) -> Integers:
+    """Return what `identify` does; axes that share their gaps share the stretches."""
+    search = _Search(phase, stretches, differences)
+    return np.array([search.at(factor) or 0 for factor in m.tolist()], np.int64)
+
+
+class Stretches:
+    """The runs of a phase, and from which of their points differences are taken."""
+
+    def __init__(self, runs: Integers) -> None:
+        self._runs = runs
+        self._lengths = runs[:, 1] - runs[:, 0]
+        self._starts: dict[int, Integers] = {}
+        self._longest_with: dict[int, int] = {}
+
+    def averages(self, m: int) -> int:
+        """Return the number of complete averages over m samples."""
+        return int(((self._lengths - 1) // m).sum())
+
+    def longest_with(self, least: int) -> int:
+        """Return the largest averaging factor with at least so many averages, 0 if none."""
+        if least not in self._longest_with:
+            factors = range(1, int(self._lengths.max()) + 1)
+            found = bisect_right(factors, -least, key=lambda m: -self.averages(m))
+            self._longest_with[least] = found
+        return self._longest_with[least]
+
+    def starts(self, reach: int) -> Integers:
+        """Return up to `_STARTS` points, evenly spread, from which a run goes on for `reach`."""
+        if reach not in self._starts:
+            room = np.maximum(self._lengths - reach, 0)
+            ends = np.cumsum(room)
+            total = int(ends[-1])
+            count = min(total, _STARTS)
+            position = np.arange(count) * total // max(count, 1)
+            run = np.searchsorted(ends, position, side='right')
+            found = self._runs[run, 0] + position - (ends - room)[run]
+            self._starts[reach] = np.asarray(found, np.int64)
+        return self._starts[reach]
+
+    def longest(self) -> tuple[int, int]:
+        """Return first and one past the last point of the longest run."""
+        first, last = self._runs[np.argmax(self._lengths)].tolist()
+        return first, last
+
+
+class _Search:
+    """Identifies the noise at one averaging factor after the other, looking at surer ones."""
+
+    def __init__(self, phase: Floats, stretches: Stretches, differences: int) -> None:
+        self._phase = phase
+        self._stretches = stretches
+        self._differences = differences
+        self._anchors: dict[int, int | None] = {}
+
+    def at(self, factor: int) -> int | None:
+        """Return the noise at an averaging factor; None if there is none at all."""
+        phase, stretches = self._phase, self._stretches
+        averages = stretches.averages(factor)
         if averages < FEW:
-            return anchor(FEW)
+            return self._anchor(FEW)
         if averages >= MANY:
-            found = _by_autocorrelation(phase, factor, stretches, differences)
+            found = _by_autocorrelation(phase, factor, stretches, self._differences)
         else:
             by = _by_slope if factor >= 4 else _by_b1
-            found = by(phase, factor, stretches, differences)
-            surer = anchor(MANY)
+            found = by(phase, factor, stretches, self._differences)
+            surer = self._anchor(MANY)
             if found is not None and surer is not None:
                 found = min(found, surer)
         return _phase_noise(phase, factor, stretches) if found == 2 else found
 
-    return np.array([at(factor) or 0 for factor in m.tolist()], np.int64)
+    def _anchor(self, least: int) -> int | None:
+        """Return the noise at the longest averages of which there are at least so many."""
+        if least not in self._anchors:
+            longest = self._stretches.longest_with(least)
+            self._anchors[least] = self.at(longest) if longest else None
+        return self._anchors[least]
 
 
-def _averages(lengths: Integers, m: int) -> int:
-    return int(((lengths - 1) // m).sum())
+def _steps(phase: Floats, m: int, d: int, starts: Integers, count: int) -> list[Floats]:
+    """Return the d-th differences from some points, and from the points m, 2m, ... later."""
+    points = [phase[k * m :].take(starts) for k in range(d + count)]
+    for _ in range(d):
+        points = [after - before for before, after in pairwise(points)]
+    return points
 
 
-def _longest_with(lengths: Integers, least: int) -> int:
-    """Return the largest averaging factor with at least so many averages, 0 if there is none."""
-    factors = range(1, int(lengths.max()) + 1)
-    return bisect_right(factors, -least, key=lambda m: -_averages(lengths, m))
-
-
-def _by_autocorrelation(phase: Floats, m: int, runs: Integers, d: int) -> int | None:
-    starts = _starts(runs, (d + 1) * m)
+def _by_autocorrelation(phase: Floats, m: int, stretches: Stretches, d: int) -> int | None:
+    starts = stretches.starts((d + 1) * m)
     if starts.size < FEW:
         return None
-    steps = np.diff([phase[starts + k * m] for k in range(d + 2)], n=d, axis=0)
-    square = float(np.sum(steps**2)) / 2.0
+    first, second = _steps(phase, m, d, starts, 2)
+    square = float(first @ first + second @ second) / 2.0
     if square == 0.0:
         return None
-    r1 = float(steps[0] @ steps[1]) / square
+    r1 = float(first @ second) / square
     sampled, averaged = _autocorrelations(d)
     bounds = averaged + (sampled - averaged) / m**2
     # one step down in alpha for every boundary passed; 2 stands for both kinds of phase noise
@@ -137,14 +194,14 @@ def _by_autocorrelation(phase: Floats, m: int, runs: Integers, d: int) -> int | 
     return 2 if passed == 0 else 1 - passed
 
 
-def _by_slope(phase: Floats, m: int, runs: Integers, d: int) -> int | None:
+def _by_slope(phase: Floats, m: int, stretches: Stretches, d: int) -> int | None:
     variances = []
     for factor in (m // 4, m):
-        starts = _starts(runs, d * factor)
+        starts = stretches.starts(d * factor)
         if starts.size < FEW:
             return None
-        steps = np.diff([phase[starts + k * factor] for k in range(d + 1)], n=d, axis=0)
-        variances.append(float(np.mean(steps**2)) / factor**2)
+        (steps,) = _steps(phase, factor, d, starts, 1)
+        variances.append(float(steps @ steps) / starts.size / factor**2)
     if min(variances) == 0.0:
         return None
     slope = math.log(variances[1] / variances[0]) / math.log(m / (m // 4))
@@ -152,9 +209,9 @@ def _by_slope(phase: Floats, m: int, runs: Integers, d: int) -> int | None:
     return 2 if slope < -1.5 else max(-round(slope) - 1, -1 - d)
 
 
-def _by_b1(phase: Floats, m: int, runs: Integers, d: int) -> int | None:
+def _by_b1(phase: Floats, m: int, stretches: Stretches, d: int) -> int | None:
     """Compare the variance of the averages of the longest run with their Allan variance."""
-    first, last = _longest(runs)
+    first, last = stretches.longest()
     averages = np.diff(phase[first:last:m])
     n = averages.size
     if n < FEW:
@@ -175,9 +232,9 @@ def _b1(n: int, mu: int) -> float:
     return n * (1.0 - float(n) ** mu) / (2.0 * (n - 1) * (1.0 - 2.0**mu))
 
 
-def _phase_noise(phase: Floats, m: int, runs: Integers) -> int:
+def _phase_noise(phase: Floats, m: int, stretches: Stretches) -> int:
     """Return 2 for white and 1 for flicker phase noise."""
-    first, last = _longest(runs)
+    first, last = stretches.longest()
     stretch = phase[first : min(last, first + max(_STRETCH, 16 * m))]
     if m == 1:
         rate = np.diff(stretch)
@@ -212,19 +269,3 @@ def _autocorrelations(d: int) -> tuple[Floats, Floats]:
     powers = 1.0 - alphas[:, None]
     averaged = (np.abs(1 + orders) ** powers @ signs) / (np.abs(orders) ** powers @ signs)
     return delta / (1.0 - delta), averaged
-
-
-def _starts(runs: Integers, reach: int) -> Integers:
-    """Return up to `_STARTS` points, evenly spread, from which a run goes on for `reach`."""
-    room = np.maximum(runs[:, 1] - runs[:, 0] - reach, 0)
-    ends = np.cumsum(room)
-    total = int(ends[-1])
-    count = min(total, _STARTS)
-    position = np.arange(count) * total // max(count, 1)
-    run = np.searchsorted(ends, position, side='right')
-    return np.asarray(runs[run, 0] + position - (ends - room)[run], np.int64)
-
-
-def _longest(runs: Integers) -> tuple[int, int]:
-    first, last = runs[np.argmax(runs[:, 1] - runs[:, 0])].tolist()
-    return first, last

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import math
 
 from imu_bench.errors import DataError
+from imu_bench.metrology import workspace
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.moments import BLOCKS, error_of_mean, FEWEST_BLOCKS
 from imu_bench.metrology.statistics import resolution
@@ -33,7 +34,6 @@ LILLIEFORS = (0.736, 0.768, 0.805, 0.886, 1.031)
 MOST_BINS = 400
 FEWEST_SAMPLES = 20
 
-_PART = 1 << 20
 _FINE = 4096
 
 
@@ -96,9 +96,8 @@ def _finite(data: npt.ArrayLike) -> Floats:
     values = np.asarray(data, dtype=np.float64)
     if values.ndim != 1:
         raise DataError(f'data must have shape (n,), got {values.shape}')
-    finite = np.isfinite(values)
-    if not finite.all():
-        values = values[finite]
+    if not workspace.all_finite(values):
+        values = values[np.isfinite(values)]
     if values.size < 2:
         raise DataError(f'{values.size} finite samples make no distribution; record longer')
     return values
@@ -138,19 +137,19 @@ def histogram(data: npt.ArrayLike, unit: str, bins: int | None = None) -> Histog
     if bins is not None and bins < 1:
         raise DataError(f'a histogram needs at least one bin, got {bins}')
     mean, std = _mean_and_std(values)
-    low, high = float(values.min()), float(values.max())
+    low, high = workspace.extremes(values)
     if low == high:
         raise DataError(f'all {values.size} samples are equal ({low:g}): no histogram')
     low, high = max(low, mean - 10 * std), min(high, mean + 10 * std)
     if bins is None:
-        spread = float(np.subtract(*np.quantile(values[:_PART], (0.75, 0.25))))
+        spread = float(np.subtract(*np.quantile(values[: workspace.PART], (0.75, 0.25))))
         width = 2.0 * (spread or std) / values.size ** (1 / 3)
         bins = int(np.clip(math.ceil((high - low) / width), 1, MOST_BINS))
     edges = _edges(low, high, bins, resolution(values), values[0])
     count = np.zeros(edges.size - 1, dtype=np.int64)
     below = above = 0
-    for start in range(0, values.size, _PART):
-        part = values[start : start + _PART]
+    for piece in workspace.parts(values.size):
+        part = values[piece]
         count += np.histogram(part, edges)[0]
         below += int(np.count_nonzero(part < edges[0]))
         above += int(np.count_nonzero(part > edges[-1]))
@@ -160,10 +159,10 @@ def histogram(data: npt.ArrayLike, unit: str, bins: int | None = None) -> Histog
 
 def _mean_and_std(values: Floats) -> tuple[float, float]:
     """Return mean and standard deviation without a copy of the values."""
-    mean = float(values.mean())
+    mean = sum(float(values[part].sum()) for part in workspace.parts(values.size)) / values.size
     squares = 0.0
-    for start in range(0, values.size, _PART):
-        off = values[start : start + _PART] - mean
+    for part in workspace.parts(values.size):
+        off = values[part] - mean
         squares += float(off @ off)
     return mean, math.sqrt(squares / (values.size - 1))
 

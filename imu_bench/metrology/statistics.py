@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import math
 
 from imu_bench.errors import DataError
+from imu_bench.metrology import workspace
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.moments import Moments
 import numpy as np
@@ -138,7 +139,7 @@ def describe(
     moments = Moments.of(values[None, :])
     mean = moments.mean_estimate(0, unit, confidence)
     std = moments.std_estimate(0, unit, confidence)
-    low, high = float(values.min()), float(values.max())
+    low, high = workspace.extremes(values)
     middle = float(moments.total_mean[0])
 
     def observed(value: float) -> Estimate:
@@ -165,14 +166,13 @@ def _usable(data: npt.ArrayLike, valid: npt.ArrayLike | None) -> Floats:
     values = np.asarray(data, dtype=np.float64)
     if values.ndim != 1:
         raise DataError(f'data must have shape (n,), got {values.shape}')
-    usable = np.isfinite(values)
     if valid is not None:
         mask = np.asarray(valid, dtype=np.bool_)
         if mask.shape != values.shape:
             raise DataError(f'valid has shape {mask.shape}, the data {values.shape}')
-        usable &= mask
-    if not usable.all():
-        values = values[usable]
+        values = values if mask.all() else values[mask]
+    if not workspace.all_finite(values):
+        values = values[np.isfinite(values)]
     if values.size == 0:
         raise DataError('no finite samples: nothing to describe')
     return values

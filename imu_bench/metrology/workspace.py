@@ -23,6 +23,9 @@ Lend = Callable[[int, npt.DTypeLike], npt.NDArray[Any]]
 LONG = 1 << 22
 """Items from which an array is borrowed."""
 
+PART = 1 << 20
+"""Items that are looked at together."""
+
 _LENDER: ContextVar[Lend | None] = ContextVar('lender', default=None)
 
 
@@ -42,6 +45,39 @@ def borrowing(lend: Lend) -> Iterator[None]:
         yield
     finally:
         _LENDER.reset(token)
+
+
+def parts(size: int, length: int = PART) -> Iterator[slice]:
+    """
+    Yield the parts of a long array, so that nobody touches all of it at once.
+
+    Examples
+    --------
+    >>> list(parts(5, 3))
+    [slice(0, 3, None), slice(3, 5, None)]
+    """
+    return (slice(start, min(start + length, size)) for start in range(0, size, length))
+
+
+def extremes(values: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """
+    Return the smallest and the largest value; NaN is neither unless there is nothing else.
+
+    Examples
+    --------
+    >>> extremes(np.array([2.0, np.nan, 1.0]))
+    (1.0, 2.0)
+    """
+    low = high = np.nan
+    for part in parts(values.size):
+        low = np.fmin(low, np.fmin.reduce(values[part]))
+        high = np.fmax(high, np.fmax.reduce(values[part]))
+    return float(low), float(high)
+
+
+def all_finite(values: npt.NDArray[np.float64]) -> bool:
+    """Return whether no value is NaN or infinite."""
+    return all(bool(np.isfinite(values[part]).all()) for part in parts(values.size))
 
 
 def empty(size: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
+from imu_bench.metrology import workspace
 import numpy as np
 import numpy.typing as npt
 
@@ -106,11 +107,16 @@ def averages(
     """
     count = placed.size // size
     rows = placed[: count * size].reshape(count, size)
+    length = max(1, workspace.PART // size)
     if valid is None:
-        return Blocks(rows.mean(axis=1), np.ones(count, np.bool_), rate_hz / size, size)
+        means = [rows[part].mean(axis=1) for part in workspace.parts(count, length)]
+        values = np.concatenate(means) if means else np.empty(0)
+        return Blocks(values, np.ones(count, np.bool_), rate_hz / size, size)
     there = valid[: count * size].reshape(count, size)
-    samples = np.count_nonzero(there, axis=1)
-    sums = rows.sum(axis=1, where=there)
+    samples, sums = np.zeros(count, np.int64), np.zeros(count)
+    for part in workspace.parts(count, length):
+        samples[part] = np.count_nonzero(there[part], axis=1)
+        sums[part] = rows[part].sum(axis=1, where=there[part])
     enough = samples >= max(1, math.ceil(_COMPLETE * size))
     values = np.where(enough, sums / np.maximum(samples, 1), 0.0)
     return Blocks(values, enough, rate_hz / size, size)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 import math
 from pathlib import PurePath
-from typing import Any
+from typing import Any, Protocol
 
 from imu_bench import drivers
 from imu_bench.metrology.estimate import Estimate
@@ -150,7 +150,16 @@ def compare(recordings: Sequence[RecordingResult], reference: str = '') -> Compa
     return Comparison(tuple(names), reference, standings, verdicts)
 
 
-def labels(recordings: Sequence[RecordingResult]) -> list[str]:
+class Named(Protocol):
+    """What a label is made of: a recording, or the result of one."""
+
+    @property
+    def source(self) -> str: ...
+    @property
+    def topic(self) -> str: ...
+
+
+def labels(recordings: Sequence[Named]) -> list[str]:
     """Return a short unique name for each recording: the sensor, the topic or the file."""
     short = [_short(r) for r in recordings]
     used = Counter(short)
@@ -167,7 +176,7 @@ def labels(recordings: Sequence[RecordingResult]) -> list[str]:
     return result
 
 
-def _short(recording: RecordingResult) -> str:
+def _short(recording: Named) -> str:
     parts = [part for part in recording.topic.split('/') if part]
     if 'imu' in parts[1:]:
         return parts[parts.index('imu', 1) - 1]
@@ -177,7 +186,7 @@ def _short(recording: RecordingResult) -> str:
     return '/'.join(parts)
 
 
-def _stem(recording: RecordingResult) -> str:
+def _stem(recording: Named) -> str:
     return PurePath(recording.source).stem or recording.source
 
 
@@ -195,7 +204,7 @@ def _rank(
     named = [density for _, label, density in found if label == wanted and density.value]
     yardstick = named[0] if named else found[0][2]
     for index, label, density in found:
-        yield Standing(index, label, density, _ratio(density, yardstick))
+        yield Standing(index, label, density, ratio(density, yardstick))
 
 
 def _overall(axes: Sequence[AxisResult]) -> Estimate:
@@ -218,11 +227,12 @@ def _overall(axes: Sequence[AxisResult]) -> Estimate:
     )
 
 
-def _ratio(density: Estimate, yardstick: Estimate) -> Estimate:
+def ratio(density: Estimate, yardstick: Estimate) -> Estimate:
     """Return the ratio of two independent estimates; relative half widths add as squares."""
     top, bottom = density.value, yardstick.value
     if not top or not bottom:
-        return Estimate.not_observable('1', density.reason or yardstick.reason)
+        reason = density.reason or yardstick.reason or 'one of the two is zero'
+        return Estimate.not_observable('1', reason)
     if density is yardstick:
         return Estimate(1.0, 1.0, 1.0, '1', density.confidence)
 
@@ -235,7 +245,7 @@ def _ratio(density: Estimate, yardstick: Estimate) -> Estimate:
 
 
 def _verdicts(recording: RecordingResult, label: str) -> Iterator[Verdict]:
-    typical = _typical(recording)
+    typical = typical_of(recording)
     for quantity in IMU_QUANTITIES:
         sheet = typical.get(quantity.field)
         if sheet is None:
@@ -270,7 +280,7 @@ def _judge(measured: Estimate, typical: float) -> str:
     return 'as specified'
 
 
-def _typical(recording: RecordingResult) -> dict[str, Typical]:
+def typical_of(recording: RecordingResult) -> dict[str, Typical]:
     """Return the typical values of the sensor whose driver is named in the topic, if any."""
     for part in recording.topic.split('/'):
         if part in drivers.names():

@@ -16,6 +16,7 @@ from imu_bench.errors import BenchError, DataError, os_error_text
 from imu_bench.metrology import workspace
 from imu_bench.offline.failure import Failure
 from imu_bench.offline.mapped import locate, Shelf
+from imu_bench.offline.pairing import halves
 from imu_bench.offline.recordings import ReadOptions, Recording
 from imu_bench.offline.recordings.cache import columns, Read
 from imu_bench.offline.recordings.loading import stored_bytes
@@ -141,6 +142,7 @@ def analyse_file(
     reading = phase(f'reading {path.name}')
     try:
         with columns(path, order.options, keep=order.keep, progress=reading) as read:
+            read = replace(read, recordings=halves(read.recordings))
             run = _Run(path, read, order.settings, workers or Here())
             return run.outcome(phase(f'analysing {path.name}'), idle)
     except (BenchError, OSError, MemoryError) as error:

@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import Any, Protocol, TypeVar
 
 from imu_bench.errors import RecordingError
+from imu_bench.offline.environment import one_thread_each
 from imu_bench.offline.mapped import attach, locate, Residency
 import numpy as np
 
@@ -28,7 +29,6 @@ MAPPED_BYTES = 96 << 20
 """Pages of mapped columns that one process may hold."""
 
 _PRELOADED = ('imu_bench.offline.analyse', 'imu_bench.offline.report', 'scipy.signal')
-_ONE_THREAD = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
 class Workers(Protocol):
@@ -77,9 +77,6 @@ class Processes:
 
     def __init__(self, jobs: int) -> None:
         self.jobs = jobs
-        for name in _ONE_THREAD:
-            # the processes are the threads; read by the linear algebra library when it loads
-            os.environ.setdefault(name, '1')
         self._others = set(multiprocessing.active_children())
         self._pool = ProcessPoolExecutor(jobs, mp_context=_context(), initializer=_begin)
 
@@ -93,6 +90,7 @@ class Processes:
     def __enter__(self) -> Processes:
         if _context().get_start_method() == 'forkserver':
             # it imports everything once, while this process opens the recording
+            one_thread_each()
             forkserver.ensure_running()
         return self
 
@@ -144,7 +142,8 @@ def _context() -> BaseContext:
 
 def _begin() -> None:
     """Prepare a process."""
-    gc.freeze()  # what was imported stays
+    gc.freeze()  # what was imported stays, and results hold no cycles to look for
+    gc.set_threshold(100_000, 20, 100)
     # Ctrl-C is for the one who gave the work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()

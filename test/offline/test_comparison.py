@@ -6,7 +6,7 @@ from dataclasses import replace
 from imu_bench import drivers
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.analyse import analyse
-from imu_bench.offline.comparison import compare, labels
+from imu_bench.offline.comparison import compare, labels, ratio
 import pytest
 
 
@@ -79,3 +79,10 @@ def test_a_sensor_that_blocks_slow_signals_is_ranked_by_its_plateau(two):
     assert standing.noise_density.value == pytest.approx(3e-3)
     # 306 µg/√Hz against 300 of the datasheet, and not "better" for a bound of 0.1
     assert {v.verdict for v in compared.verdicts} == {'as specified'}
+
+
+def test_the_ratio_to_nothing_is_not_observable():
+    one = Estimate(1.0, 0.9, 1.1, 'm/s²')
+    found = ratio(one, Estimate(0.0, 0.0, 0.0, 'm/s²'))
+    assert not found.observable
+    assert found.reason == 'one of the two is zero'

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+from imu_bench.bags.problems import COUNTS, INCOMPLETE, NOT_A_NUMBER, Problem
 from imu_bench.offline import health
 from imu_bench.offline.health import Health
 from imu_bench.samples import Samples
@@ -149,8 +150,22 @@ class TestClock:
 
 class TestReading:
     def test_incomplete_bag(self, recording_of, noise):
-        found = health.check(recording_of(noise()), problems=['no footer: cut off'])
-        assert finding(found, 'incomplete').text == 'no footer: cut off.'
+        found = health.check(recording_of(noise()), problems=[Problem('no footer', INCOMPLETE)])
+        assert finding(found, 'incomplete').text == 'no footer.'
+        assert finding(found, 'incomplete').severity == 'warning'
+
+    def test_words_alone_are_a_remark_whatever_they_say(self, recording_of, noise):
+        words = 'a.csv: column "cut off" is not used'
+        found = health.check(recording_of(noise()), problems=[words])
+        assert finding(found, 'reading').severity == 'info'
+
+    def test_counts_of_this_topic_are_told_once(self, recording_of, noise):
+        recording = recording_of(noise(), announced=60_010)
+        own, other = (
+            Problem('metadata.yaml announces', COUNTS, topic) for topic in (recording.topic, '/tf')
+        )
+        found = health.check(recording, problems=[own, other])
+        assert [f.code for f in found.findings] == ['counts', 'reading']
 
     def test_counts_disagree(self, recording_of, noise):
         assert codes(health.check(recording_of(noise(), announced=60_010))) == {'counts'}
@@ -158,7 +173,8 @@ class TestReading:
         assert finding(found, 'counts').severity == 'severe'
 
     def test_values_left_out(self, recording_of, noise):
-        note = 'linear_acceleration.x: 3 NaN and 1 infinite values left out'
+        words = 'linear_acceleration.x: 3 NaN and 1 infinite values left out'
+        note = Problem(words, NOT_A_NUMBER)
         found = health.check(
             recording_of(noise(), stored=60_004, announced=60_004, left_out=4, notes=(note,))
         )

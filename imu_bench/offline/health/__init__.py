@@ -7,7 +7,7 @@ Is a recording good enough to measure noise on?  Findings first, numbers later.
 'info'
 """
 
-from imu_bench.offline.health.check import check, Health
+from imu_bench.offline.health.check import check, Health, ranked
 from imu_bench.offline.health.finding import Finding, SEVERITIES, worst
 
-__all__ = ['SEVERITIES', 'Finding', 'Health', 'check', 'worst']
+__all__ = ['SEVERITIES', 'Finding', 'Health', 'check', 'ranked', 'worst']

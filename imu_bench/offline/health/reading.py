@@ -5,14 +5,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from imu_bench.bags.problems import (
+    code_of,
+    COUNTS,
+    INCOMPLETE,
+    NOT_A_NUMBER,
+    Problem,
+    REMARK,
+    STAMPS,
+)
 from imu_bench.offline.health.finding import Finding
 from imu_bench.offline.notation import count, percent
 from imu_bench.offline.recordings import Recording
 
 _SEVERE = 0.05  # share of messages lost or left out
-_DAMAGE = ('cut off', 'damaged', 'did not close', 'missing', 'skipped', 'left out', 'were read')
-_LEFT_OUT = 'values left out'
-_ELSEWHERE = ('the metadata announces', 'stamps are the receive time', _LEFT_OUT)
+_ELSEWHERE = (COUNTS, STAMPS, NOT_A_NUMBER)  # codes of notes that are findings of their own
 
 
 def reading_findings(recording: Recording, problems: Sequence[str]) -> Iterator[Finding]:
@@ -25,26 +32,29 @@ def reading_findings(recording: Recording, problems: Sequence[str]) -> Iterator[
     problems : sequence of str
         Of its source: about the file as a whole.
     """
-    notes = [n for n in recording.notes if not any(part in n for part in _ELSEWHERE)]
-    for words in (*problems, *notes):
-        if f'messages on {recording.topic},' not in words:  # compared below
+    for words in problems:
+        own = isinstance(words, Problem) and words.topic == recording.topic
+        if not (own and code_of(words) == COUNTS):  # compared below
+            yield _remark(words)
+    for words in recording.notes:
+        if code_of(words) not in _ELSEWHERE:
             yield _remark(words)
     yield from _counts(recording)
     yield from _left_out(recording)
 
 
 def _remark(words: str) -> Finding:
-    if any(part in words for part in _DAMAGE):
+    if code_of(words) == INCOMPLETE:
         return Finding(
             'warning',
-            'incomplete',
+            INCOMPLETE,
             f'{words}.',
             'The numbers describe the part that could be read.',
             'Check that the recorder was stopped properly, and the disk it wrote to.',
         )
     return Finding(
         'info',
-        'reading',
+        REMARK,
         f'{words}.',
         'None, if this is what you expect.',
         'Check how the recording was made, and the options.',
@@ -58,7 +68,7 @@ def _counts(recording: Recording) -> Iterator[Finding]:
     lost = abs(announced - stored) / max(announced, stored)
     yield Finding(
         'severe' if lost > _SEVERE else 'warning',
-        'counts',
+        COUNTS,
         f'The metadata announces {count(announced, "message")}, {stored} were read.',
         'Metadata and storage disagree: messages may be missing at the end or in between.',
         'Compare with the original recording; do not use it as evidence of a data rate.',
@@ -68,11 +78,11 @@ def _counts(recording: Recording) -> Iterator[Finding]:
 def _left_out(recording: Recording) -> Iterator[Finding]:
     if not recording.left_out:
         return
-    details = '; '.join(note for note in recording.notes if _LEFT_OUT in note)
+    details = '; '.join(note for note in recording.notes if code_of(note) == NOT_A_NUMBER)
     share = recording.left_out / max(recording.stored, 1)
     yield Finding(
         'severe' if share > _SEVERE else 'warning',
-        'not_a_number',
+        NOT_A_NUMBER,
         f'{count(recording.left_out, "sample")} ({percent(share)}) hold NaN or infinite '
         f'values{f": {details}" if details else ""}.',
         'They are left out and treated as gaps; nothing is averaged over them.',

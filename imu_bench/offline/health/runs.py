@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from imu_bench.metrology import workspace
 from imu_bench.metrology.statistics import resolution
 import numpy as np
 import numpy.typing as npt
@@ -67,7 +68,7 @@ def examine(values: Floats) -> Numbers:
     >>> facts.longest, facts.repeated, facts.highest
     ((1, 3), 0.4, 3.0)
     """
-    lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
+    lowest, highest = workspace.extremes(values)
     equal, runs, longest = _equal_runs(values)
     repeated = equal / max(values.size - 1, 1)
     limit = _chance(values.size, repeated)

@@ -5,37 +5,59 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING
 
 from imu_bench.bags.block import Block
+from imu_bench.bags.problems import INCOMPLETE, Problem
 from imu_bench.offline.recordings.decoding import decode
 from imu_bench.offline.recordings.source import Chunk, IMU_TYPES, Topic
 
+if TYPE_CHECKING:
+    from imu_bench.offline.recordings.nested import Nested
+
 
 def samples(
-    blocks: Iterator[Block], topics: Collection[Topic], problems: list[str]
+    blocks: Iterator[Block],
+    topics: Collection[Topic],
+    inside: Collection[Nested],
+    problems: list[str],
 ) -> Iterator[tuple[str, Chunk]]:
     """
     Yield topic names and samples of raw blocks.
 
     When the blocks end, what was odd about them is added to problems: messages that
     are no Imu, and counts that differ from the number stored.
+
+    Parameters
+    ----------
+    blocks : iterator of Block
+    topics : collection of Topic
+        What is wanted.
+    inside : collection of Nested
+        Those of them that are a part of other messages.
+    problems : list of str
     """
     read: Counter[str] = Counter()
     undecodable: Counter[str] = Counter()
+    wanted = {topic.name for topic in topics}
     for block in blocks:
         channel = block.channel
-        if channel.type not in IMU_TYPES:
-            report(problems, f'{channel.topic}: messages of type {channel.type} are left out')
-            continue
+        mine = [found for found in inside if found.channel == channel]
+        if channel.type not in IMU_TYPES and channel.topic in wanted:
+            words = f'{channel.topic}: messages of type {channel.type} are left out'
+            report(problems, Problem(words, INCOMPLETE, channel.topic))
         if not len(block):
             continue
-        found = decode(block)
-        read[channel.topic] += len(block)
-        undecodable[channel.topic] += found.undecodable
-        for remark in found.remarks:
-            report(problems, f'{channel.topic}: {remark}')
-        if len(found.chunk):
-            yield channel.topic, found.chunk
+        parts = [(found.topic, decode(block, found.path)) for found in mine]
+        if channel.type in IMU_TYPES and channel.topic in wanted:
+            parts.append((channel.topic, decode(block)))
+        for name, found in parts:
+            read[name] += len(block)
+            undecodable[name] += found.undecodable
+            for remark in found.remarks:
+                report(problems, f'{name}: {remark}')
+            if len(found.chunk):
+                yield name, found.chunk
     _compare(topics, read, undecodable, problems)
 
 
@@ -47,16 +69,16 @@ def _compare(
 ) -> None:
     for topic in topics:
         if undecodable[topic.name]:
-            report(
-                problems,
+            words = (
                 f'{topic.name}: {undecodable[topic.name]} messages are no complete Imu '
-                'and were left out',
+                'and were left out'
             )
+            report(problems, Problem(words, INCOMPLETE, topic.name))
         if read[topic.name] != topic.count:
-            report(
-                problems,
-                f'{topic.name}: {topic.count} messages are stored, {read[topic.name]} were read',
+            words = (
+                f'{topic.name}: {topic.count} messages are stored, {read[topic.name]} were read'
             )
+            report(problems, Problem(words, INCOMPLETE, topic.name))
 
 
 def report(problems: list[str], problem: str) -> None:

@@ -15,8 +15,10 @@ from tempfile import mkdtemp
 from typing import Any
 
 from imu_bench import __version__
+from imu_bench.bags.problems import code_of, Problem
 from imu_bench.errors import RecordingError
 from imu_bench.offline.mapped import attach, locate, Place, Shelf
+from imu_bench.offline.recordings.continuation import siblings
 from imu_bench.offline.recordings.loading import load_all, Progress, Recording, stored_bytes
 from imu_bench.offline.recordings.opening import open_source
 from imu_bench.offline.recordings.options import ReadOptions
@@ -26,7 +28,7 @@ import numpy as np
 LARGE = 8 << 20
 """Bytes of a recording from which its columns go to disk."""
 
-SCHEMA = 'imu_bench.columns/1'
+SCHEMA = 'imu_bench.columns/2'
 _INDEX = 'columns.json'
 _FIELDS = ('acceleration', 'angular_velocity', 'magnetic_field', 'temperature')
 _PLAIN = (
@@ -82,7 +84,7 @@ def columns(
     RecordingError
         As ``open_source``, ``Source.select`` and ``load_all``; or if the disk is full.
     """
-    if not path.exists() or stored_bytes(path) < LARGE:
+    if not path.exists() or sum(map(stored_bytes, _files(path, options))) < LARGE:
         with open_source(path, options) as source:
             found = load_all(source, source.select(options.topics), progress)
             yield Read(found, source.problems)
@@ -110,8 +112,7 @@ def fingerprint(path: Path, options: ReadOptions, *more: object) -> str:
     """
     known = hashlib.sha256()
     known.update(json.dumps([SCHEMA, __version__, asdict(options), *map(str, more)]).encode())
-    files = sorted(file for file in path.rglob('*') if file.is_file()) if path.is_dir() else [path]
-    for file in files:
+    for file in _files(path, options):
         state = file.stat()
         known.update(f'{file.resolve()}\0{state.st_size}\0{state.st_mtime_ns}\0'.encode())
         with file.open('rb') as opened:
@@ -119,6 +120,12 @@ def fingerprint(path: Path, options: ReadOptions, *more: object) -> str:
             opened.seek(max(0, state.st_size - _EDGE))
             known.update(opened.read(_EDGE))
     return known.hexdigest()
+
+
+def _files(path: Path, options: ReadOptions) -> list[Path]:
+    if path.is_dir():
+        return sorted(file for file in path.rglob('*') if file.is_file())
+    return [path, *siblings(path)] if options.join else [path]
 
 
 def _make(folder: Path, path: Path, options: ReadOptions, progress: Progress | None) -> None:
@@ -143,7 +150,7 @@ def _fill(folder: Path, path: Path, options: ReadOptions, progress: Progress | N
         found = load_all(source, source.select(options.topics), progress, shelf.empty)
         document: dict[str, Any] = {
             'schema': SCHEMA,
-            'problems': source.problems,
+            'problems': list(map(_packed, source.problems)),
             'recordings': [_described(recording) for recording in found],
         }
     text = json.dumps(document, ensure_ascii=False)
@@ -168,13 +175,17 @@ def _described(recording: Recording) -> dict[str, Any]:
     places = {name: locate(array) for name, array in arrays.items() if array is not None}
     return {
         **{name: getattr(recording, name) for name in _PLAIN},
-        'notes': list(recording.notes),
+        'notes': list(map(_packed, recording.notes)),
         'columns': {
             name: {**place._asdict(), 'path': os.path.basename(place.path)}
             for name, place in places.items()
             if place is not None
         },
     }
+
+
+def _packed(words: str) -> list[str]:
+    return [words, code_of(words), words.topic if isinstance(words, Problem) else '']
 
 
 def _found(folder: Path) -> Read | None:
@@ -190,7 +201,7 @@ def _restored(folder: Path) -> Read:
     if document['schema'] != SCHEMA:
         raise RecordingError(f'{folder}: columns of another version')
     found = [_recording(folder, described) for described in document['recordings']]
-    return Read(found, list(document['problems']))
+    return Read(found, [Problem(*packed) for packed in document['problems']])
 
 
 def _recording(folder: Path, described: Mapping[str, Any]) -> Recording:
@@ -203,6 +214,6 @@ def _recording(folder: Path, described: Mapping[str, Any]) -> Recording:
     return Recording(
         samples=Samples(**arrays),
         receive_ns=receive,
-        notes=tuple(described['notes']),
+        notes=tuple(Problem(*packed) for packed in described['notes']),
         **{name: described[name] for name in _PLAIN},
     )

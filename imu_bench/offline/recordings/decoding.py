@@ -24,20 +24,13 @@ class Decoded(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def decode(block: Block) -> Decoded:
+def decode(block: Block, path: str = '') -> Decoded:
     """
-    Return the samples of a block of Imu messages.
+    Return the samples of a block of Imu messages, or of messages with an Imu at some path.
 
     Messages that cannot be decoded are counted and left out.
     """
-    decode_at = _DECODERS[block.channel.serialization]
-    offsets, sizes, receive_ns = block.offsets, block.sizes, block.receive_ns
-    try:
-        decoded = decode_at(block.buffer, offsets, sizes)
-    except ValueError:
-        kept = _decodable(block, decode_at)
-        offsets, sizes, receive_ns = offsets[kept], sizes[kept], receive_ns[kept]
-        decoded = decode_at(block.buffer, offsets, sizes)
+    decoded, receive_ns = _inside(block, path) if path else _whole(block)
     remarks: list[str] = []
     chunk = Chunk(
         stamps=decoded.stamps,
@@ -54,6 +47,25 @@ def decode(block: Block) -> Decoded:
         frame_ids=decoded.frame_ids,
     )
     return Decoded(chunk, len(block) - len(chunk), tuple(remarks))
+
+
+def _inside(block: Block, path: str) -> tuple[cdr.ImuBlock, npt.NDArray[np.int64]]:
+    from imu_bench.offline.recordings import nested  # brings a type system along
+
+    decoded, kept = nested.decode(block, path)
+    return decoded, block.receive_ns[kept]
+
+
+def _whole(block: Block) -> tuple[cdr.ImuBlock, npt.NDArray[np.int64]]:
+    decode_at = _DECODERS[block.channel.serialization]
+    offsets, sizes, receive_ns = block.offsets, block.sizes, block.receive_ns
+    try:
+        decoded = decode_at(block.buffer, offsets, sizes)
+    except ValueError:
+        kept = _decodable(block, decode_at)
+        offsets, sizes, receive_ns = offsets[kept], sizes[kept], receive_ns[kept]
+        decoded = decode_at(block.buffer, offsets, sizes)
+    return decoded, receive_ns
 
 
 def _decodable(block: Block, decode_at: Callable[..., cdr.ImuBlock]) -> npt.NDArray[np.int64]:

@@ -10,8 +10,12 @@ from imu_bench.bags import bag, metadata
 from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings.layout import detect_in, SAMPLE
 
+STAMPS_FILE = 'stamps.npy'
+"""A folder that has it is a recording, as `imu-bench simulate --storage npy` writes it."""
+
 _ROS1_SUFFIXES = ('.bag', '.bag.active')
 _TEXT_SUFFIXES = ('.csv', '.tsv', '.txt', '.log', '.dat')
+_ARRAY_SUFFIXES = ('.npy', '.npz', '.mat')
 _LEAST_COLUMNS = 3
 
 
@@ -37,7 +41,7 @@ def find_recordings(path: str | Path) -> tuple[Path, ...]:
             f'{problem.filename}: cannot be read: {problem.strerror}'
         ) from problem
     if not found:
-        raise RecordingError(f'{place}: no recording in this folder: no bag, CSV or text file')
+        raise RecordingError(f'{place}: no recording in this folder: no bag, text file or array')
     return found
 
 
@@ -45,6 +49,9 @@ def _search(folder: Path) -> Iterator[Path]:
     files = sorted(entry for entry in folder.iterdir() if entry.is_file())
     storages = [file for file in files if bag.kind(file)]
     if (folder / metadata.FILE_NAME).is_file() and storages:
+        yield folder
+        return
+    if (folder / STAMPS_FILE).is_file():
         yield folder
         return
     if storages:
@@ -59,10 +66,15 @@ def _search(folder: Path) -> Iterator[Path]:
             yield from _search(entry)
 
 
+def is_text_name(file: Path) -> bool:
+    """Return whether the name of a file is that of a table of text."""
+    return file.suffix.lower() in _TEXT_SUFFIXES
+
+
 def _is_loose_recording(file: Path) -> bool:
-    if file.name.endswith(_ROS1_SUFFIXES):
+    if file.name.endswith((*_ROS1_SUFFIXES, *_ARRAY_SUFFIXES)):
         return True
-    if file.suffix.lower() not in _TEXT_SUFFIXES:
+    if not is_text_name(file):
         return False
     with file.open('rb') as opened:
         layout = detect_in(opened.read(SAMPLE))

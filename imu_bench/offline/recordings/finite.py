@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from imu_bench.bags.problems import NOT_A_NUMBER, Problem
 from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings.gathering import PIECE
 from imu_bench.samples import AXES, IMU_QUANTITIES
@@ -13,6 +14,9 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+
+LARGEST, SMALLEST = 1e30, 1e-100
+"""In SI: beyond them no sensor measures, and powers of the numbers do not fit a float."""
 
 _INERTIAL = {quantity.field: quantity.name for quantity in IMU_QUANTITIES}
 
@@ -23,9 +27,10 @@ def sift(
     """
     Return which quantities are there, which samples to keep, and notes on what is not kept.
 
-    A sample with a NaN or infinite acceleration or angular velocity is not kept.  An
-    axis that never has a number is absent and judges no sample.  Temperature and
-    magnetic field judge no sample either: they are not kept at all unless complete.
+    A sample with a NaN or infinite acceleration or angular velocity is not kept; what exceeds
+    `LARGEST` counts as infinite.  An axis that never has a number is absent, becomes NaN, and
+    judges no sample.  Temperature and magnetic field judge no sample either: they are not kept
+    at all unless complete.  What is below `SMALLEST` becomes zero.
 
     Parameters
     ----------
@@ -64,14 +69,11 @@ def sift(
                 there.append(field)
             continue
         for axis, column in zip(AXES, values.T, strict=True):
-            finite, nan = _counts(column)
+            finite, note = _axis(f'{_INERTIAL[field]}.{axis}', column)
+            notes += [note] if note else []
             if finite:
                 there.append(field)
             if 0 < finite < column.size:
-                infinite = column.size - finite - nan
-                notes.append(
-                    f'{_INERTIAL[field]}.{axis}: {nan} NaN and {infinite} infinite values left out'
-                )
                 good = _narrowed(good, column)
     if not _INERTIAL.keys() & set(there):
         raise RecordingError(f'{where}: not a single finite value is stored')
@@ -80,11 +82,24 @@ def sift(
     return tuple(dict.fromkeys(there)), good, notes
 
 
+def _axis(name: str, column: Floats) -> tuple[int, str]:
+    """Return how many values of an axis are finite, and a note if that is not all of them."""
+    finite, nan = _counts(column)
+    infinite = column.size - finite - nan
+    if not finite and infinite:
+        column[:] = np.nan
+        return 0, f'{name} is not used: it holds no finite value'
+    if 0 < finite < column.size:
+        words = f'{name}: {nan} NaN and {infinite} infinite values left out'
+        return finite, Problem(words, NOT_A_NUMBER)
+    return finite, ''
+
+
 def _narrowed(good: Bools | None, column: Floats) -> Bools:
     """Return which samples are still good when those that are not finite here are not."""
     narrowed = np.ones(column.size, np.bool_) if good is None else good
     for part in _pieces(column.size):
-        narrowed[part] &= np.isfinite(column[part])
+        narrowed[part] &= _finite(column[part])
     return narrowed
 
 
@@ -94,7 +109,7 @@ def _complete(field: str, values: Floats, notes: list[str]) -> bool:
     present = [row for row in rows.T if _counts(row)[0]]
     whole = 0
     for part in _pieces(len(rows) if present else 0):
-        whole += int(np.logical_and.reduce([np.isfinite(row[part]) for row in present]).sum())
+        whole += int(np.logical_and.reduce([_finite(row[part]) for row in present]).sum())
     if present and whole == len(rows):
         return True
     notes.append(f'{field} is not used: it has numbers in {whole} of {len(rows)} samples only')
@@ -102,15 +117,22 @@ def _complete(field: str, values: Floats, notes: list[str]) -> bool:
 
 
 def _counts(column: Floats) -> tuple[int, int]:
-    """Return how many values are finite, and how many are NaN."""
+    """Return how many values are finite, and how many are NaN; make tiny ones zero."""
     finite = nan = 0
     for part in _pieces(column.size):
         values = column[part]
-        found = int(np.count_nonzero(np.isfinite(values)))
+        size = np.abs(values)
+        found = int(np.count_nonzero(size <= LARGEST))
+        if (tiny := size < SMALLEST).any():
+            values[tiny] = 0.0
         finite += found
         if found < values.size:
             nan += int(np.count_nonzero(np.isnan(values)))
     return finite, nan
+
+
+def _finite(values: Floats) -> Bools:
+    return np.asarray(np.abs(values) <= LARGEST, np.bool_)
 
 
 def _pieces(size: int) -> Iterator[slice]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from imu_bench.bags.problems import COUNTS, INCOMPLETE, Problem, STAMPS
 from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings.finite import sift
 from imu_bench.offline.recordings.gathering import Allocate, Gathered, QUANTITIES
@@ -144,7 +145,10 @@ def load_all(
             f'{source.path}: no message could be read from '
             f'{", ".join(map(str, missing))}{source.suspicion()}'
         )
-    source.problems.extend(f'no message could be read from {topic}' for topic in missing)
+    source.problems.extend(
+        Problem(f'no message could be read from {topic}', INCOMPLETE, topic.name)
+        for topic in missing
+    )
     return [
         _recording(source, topic, gathered.pop(name))
         for name, topic in wanted.items()
@@ -170,7 +174,7 @@ def _recording(source: Source, topic: Topic, gathered: Gathered) -> Recording:
     origin = source.reader.stamps_from
     _, chosen, reason = choose(gathered.stamps, gathered.receive_ns, origin)
     if chosen != origin:
-        notes.append(f'stamps are the receive time: {reason}')
+        notes.append(Problem(f'stamps are the receive time: {reason}', STAMPS))
     there, good, finite_notes = sift({name: gathered.column(name) for name in QUANTITIES}, where)
     notes.extend(finite_notes)
     if good is not None:
@@ -194,5 +198,6 @@ def _recording(source: Source, topic: Topic, gathered: Gathered) -> Recording:
 
 def _count_notes(topic: Topic, announced: int | None, stored: int) -> list[str]:
     if announced is not None and announced != stored:
-        return [f'the metadata announces {announced} messages on {topic.name}, {stored} were read']
+        words = f'the metadata announces {announced} messages on {topic.name}, {stored} were read'
+        return [Problem(words, COUNTS, topic.name)]
     return []

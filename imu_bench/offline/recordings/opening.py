@@ -7,7 +7,8 @@ from pathlib import Path
 
 from imu_bench.bags import bag, ros1
 from imu_bench.errors import RecordingError
-from imu_bench.offline.recordings.discovery import find_recordings
+from imu_bench.offline.recordings.array_files import kind, MAGIC_SIZE
+from imu_bench.offline.recordings.discovery import find_recordings, STAMPS_FILE
 from imu_bench.offline.recordings.options import ReadOptions
 from imu_bench.offline.recordings.source import Source
 
@@ -21,7 +22,8 @@ def open_source(path: str | Path, options: ReadOptions | None = None) -> Source:
     Parameters
     ----------
     path : str or Path
-        A bag of ROS 2 (folder or file), a bag of ROS 1, or a CSV or text file.
+        A bag of ROS 2 (folder or file), a bag of ROS 1, a CSV or text file, or arrays of
+        NumPy or MATLAB.
     options : ReadOptions, optional
         Columns, units and rate of a text file.
 
@@ -42,6 +44,10 @@ def open_source(path: str | Path, options: ReadOptions | None = None) -> Source:
 
 def _open(path: Path, options: ReadOptions) -> Source:
     # imported late: each format brings its own libraries
+    if (path / STAMPS_FILE).is_file():
+        from imu_bench.offline.recordings import arrays
+
+        return arrays.open_arrays(path, options)
     if path.is_dir() and not bag.is_bag_folder(path):
         raise RecordingError(f'{path}: this folder is no bag; {_inside(path)}')
     if path.is_dir() or bag.kind(path):
@@ -49,13 +55,17 @@ def _open(path: Path, options: ReadOptions) -> Source:
 
         return bags.open_ros2(path)
     with path.open('rb') as file:
-        start = file.read(len(ros1.ANY_VERSION))
+        start = file.read(max(len(ros1.ANY_VERSION), MAGIC_SIZE))
     if not start:
         raise RecordingError(f'{path}: the file is empty')
-    if start == ros1.ANY_VERSION:
+    if start.startswith(ros1.ANY_VERSION):
         from imu_bench.offline.recordings import bags
 
         return bags.open_ros1(path)
+    if kind(path, start):
+        from imu_bench.offline.recordings import arrays
+
+        return arrays.open_arrays(path, options)
     from imu_bench.offline.recordings import text
 
     return text.open_text(path, options)

@@ -113,6 +113,8 @@ class Source:
         Incomplete file, counts that disagree, parts skipped: one line each.
     reader : Reader
         Hands out the samples.
+    files : tuple of Path
+        The files of a text recording, several if they continue each other; empty for others.
     """
 
     path: Path
@@ -121,6 +123,7 @@ class Source:
     reader: Reader
     announced: Mapping[str, int] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    files: tuple[Path, ...] = ()
 
     def select(self, names: Sequence[str] = ()) -> tuple[Topic, ...]:
         """

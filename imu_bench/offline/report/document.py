@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import bokeh
+from bokeh.core.serialization import Serializer
 from bokeh.document import Document
 from bokeh.models import LayoutDOM
 from bokeh.resources import Resources
@@ -41,12 +42,11 @@ class Places:
     def add(self, model: LayoutDOM, caption: str) -> dict[str, str]:
         """Return the identifier of the place and the caption."""
         name = f'figure-{self._prefix}{len(self.items) + 1}'
-        # what bokeh.embed.json_item makes, which walks over all models twice more
-        document = Document(title='')
-        document.add_root(model)
+        # what bokeh.embed.json_item makes; a Document walks over all models three times more
+        roots = Serializer(deferred=False).encode([model])
         content = {
             'root_id': model.id,
-            'doc': document.to_json(deferred=False),
+            'doc': {**_empty_document(), 'roots': roots},
             'version': bokeh.__version__,
         }
         self.items.append(_script_safe({'target_id': name, **content}))
@@ -76,6 +76,11 @@ def page(template: str, collected: Places, **content: Any) -> str:
 def _script_safe(document: dict[str, Any]) -> str:
     """Return JSON that cannot end the script element it stands in."""
     return json.dumps(document, separators=(',', ':')).replace('<', '\\u003c')
+
+
+@cache
+def _empty_document() -> dict[str, Any]:
+    return dict(Document(title='').to_json(deferred=False))
 
 
 @cache
