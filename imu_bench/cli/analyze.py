@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from imu_bench.offline.workers import Workers
 
 _DESCRIPTION = """\
-Reads ROS 2 bags, ROS 1 bags and text files, checks the health of every Imu topic, and measures
-statistics, noise density, Allan deviation and the coefficients N, B and K of every axis.
+Reads ROS 2 bags, ROS 1 bags, text files and arrays of NumPy and MATLAB, checks the health of
+every Imu topic, and measures statistics, noise density, Allan deviation and the coefficients N, B
+and K of every axis.
 Several inputs give one result that compares them."""
 
 
@@ -47,12 +48,26 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         '--units', metavar='NAME=UNIT,…', help='units of the columns, as in angular_velocity=deg/s'
     )
+    parser.add_argument(
+        '--pair',
+        action='append',
+        nargs=2,
+        default=[],
+        metavar=('ACCEL', 'GYRO'),
+        help='topics or files of an accelerometer and a gyroscope that are one sensor',
+    )
     parser.add_argument('--start', type=float, metavar='S', help='begin, s after the first sample')
     parser.add_argument('--end', type=float, metavar='S', help='end, s after the first sample')
     parser.add_argument(
         '--window', type=_window, metavar='NS:NS', help='first and last stamp in ns, both included'
     )
     parser.add_argument('--reference', default='', metavar='NAME', help='sensor for the ratios')
+    parser.add_argument(
+        '--plan', metavar='PLAN', help='what the test plan of a document asks: see docs/plan_*.md'
+    )
+    parser.add_argument(
+        '--set', action='append', default=[], metavar='NAME=VALUE', help='setting of the plan'
+    )
     parser.add_argument('--si', action='store_true', help='table in SI instead of datasheet units')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the results')
     parser.add_argument('--html', type=Path, metavar='FILE', help='write the report')
@@ -77,11 +92,14 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def run(arguments: argparse.Namespace) -> int:
     """Analyse the inputs and return the exit code."""
     # imported here and below: help must not wait for scipy, nor reading for the report
+    from imu_bench.offline.environment import one_thread_each
+
+    one_thread_each()
     from imu_bench.cli import running
-    from imu_bench.offline.recordings import ReadOptions
+    from imu_bench.offline.pairing import joined
+    from imu_bench.offline.recordings import grouped, ReadOptions
     from imu_bench.offline.settings import Settings
 
-    running.one_thread_each()
     options = ReadOptions(
         topics=tuple(arguments.topic),
         rate_hz=arguments.rate,
@@ -97,10 +115,16 @@ def run(arguments: argparse.Namespace) -> int:
     )
     _check_outputs(arguments)
     failures: list[Failure] = []
-    paths = [path for given in arguments.inputs for path in _recordings(given, failures)]
+    found = [path for given in arguments.inputs for path in _recordings(given, failures)]
+    paths, options = grouped(found, options)
+    if arguments.plan is not None:
+        from imu_bench.cli import planning
+
+        return planning.run(arguments, paths, options, settings, failures)
     with running.workers(arguments, paths) as workers:
-        found = running.analyse(arguments, paths, options, settings, workers, failures)
-        return _present(found, failures, settings, arguments, workers)
+        results = running.analyse(arguments, paths, options, settings, workers, failures)
+        sensors = joined(results, arguments.pair)
+        return _present(sensors, failures, settings, arguments, workers)
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
@@ -128,7 +152,9 @@ def _present(
     if not found:
         return FAULT
     compared = compare(found, settings.reference)
-    asked = {name: getattr(arguments, name) for name in ('topic', 'rate', 'columns', 'units')}
+    asked = {
+        name: getattr(arguments, name) for name in ('topic', 'rate', 'columns', 'units', 'pair')
+    }
     analysis = Analysis(
         tuple(found), tuple(failures), settings.to_json() | asked, compared.to_json()
     )

@@ -10,7 +10,7 @@ import sys
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.comparison import Comparison
-from imu_bench.offline.health import Health
+from imu_bench.offline.health import Finding, Health
 from imu_bench.offline.notation import (
     count,
     duration,
@@ -81,11 +81,16 @@ def _findings(recording: RecordingResult, label: str, out: Console) -> None:
     out.print(Text(f'{clean(recording.source)}  {clean(recording.topic)}', style='dim'))
     if not health.findings:
         out.print(Text('  nothing found that casts doubt on the numbers', style='dim'))
-    for finding in health.findings:
-        line = Text(finding.severity, style=_COLOURS[finding.severity])
-        line.append(f' {clean(finding.text)} {finding.effect} ', style='not bold default')
-        line.append(finding.action, style='not bold italic default')
-        out.print(Padding(line, (0, 0, 0, 2)))
+    for found in health.findings:
+        out.print(Padding(finding(found), (0, 0, 0, 2)))
+
+
+def finding(found: Finding) -> Text:
+    """Return one finding as a line: how bad, what, what it does, what to do."""
+    line = Text(found.severity, style=_COLOURS[found.severity])
+    line.append(f' {clean(found.text)} {found.effect} ', style='not bold default')
+    line.append(found.action, style='not bold italic default')
+    return line
 
 
 def _quantity(

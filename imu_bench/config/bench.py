@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from imu_bench.config.campaign import BenchTest, read_tests
 from imu_bench.config.files import PARAMETERS, read_parameters, read_yaml
 from imu_bench.config.schema import check_all, flatten, raise_if_any, REQUIRED, Setting
 from imu_bench.config.sensor import load_sensor, SensorConfig, SettingsOf
@@ -65,6 +66,8 @@ class BenchConfig:
         Per sensor what the bench sets differently, with dotted names.
     analysis : AnalysisConfig
     recorder : RecorderConfig
+    tests : tuple of BenchTest
+        What is to be done with it.
     """
 
     name: str
@@ -74,6 +77,7 @@ class BenchConfig:
     overrides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     analysis: AnalysisConfig = AnalysisConfig()
     recorder: RecorderConfig = RecorderConfig()
+    tests: tuple[BenchTest, ...] = ()
 
 
 def load_analysis(path: str | Path) -> AnalysisConfig:
@@ -115,6 +119,7 @@ def load_bench(path: str | Path, *, settings_of: SettingsOf | None = None) -> Be
     document = read_yaml(path)
     problems: list[str] = []
     entries = document.pop('sensors', None)
+    tests = read_tests(document.pop('tests', None), f'{path}: tests', problems)
     sections = {
         'analysis': _section(document, 'analysis', ANALYSIS_SETTINGS, path, problems),
         'recorder': _section(document, 'recorder', RECORDER_SETTINGS, path, problems),
@@ -143,6 +148,7 @@ def load_bench(path: str | Path, *, settings_of: SettingsOf | None = None) -> Be
         overrides=overrides,
         analysis=AnalysisConfig(**sections['analysis']),
         recorder=RecorderConfig(**sections['recorder']),
+        tests=tests,
     )
 
 

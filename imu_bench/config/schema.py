@@ -281,6 +281,27 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     return f'known are {", ".join(names) or "none"}'
 
 
+def stated(values: Mapping[str, Any], settings: Iterable[Setting]) -> dict[str, Any]:
+    """
+    Return settings for a JSON document: quantities in SI with their unit, the rest as it is.
+
+    Examples
+    --------
+    >>> window = Setting('window', (1.0,), 'Length.', unit='s', kind='quantity')
+    >>> stated({'window': (2.0,)}, [window])
+    {'window': {'value': 2.0, 'unit': 's'}}
+    """
+    units = {setting.name: setting.unit for setting in settings if setting.kind == 'quantity'}
+    document: dict[str, Any] = {}
+    for name, value in values.items():
+        if name in units and value is not None:
+            numbers = value[0] if len(value) == 1 else list(value)
+            document[name] = {'value': numbers, 'unit': units[name]}
+        else:
+            document[name] = value
+    return document
+
+
 def raise_if_any(problems: list[str]) -> None:
     """
     Raise every problem collected, one line each.

@@ -46,6 +46,19 @@ def time_unit(duration_s: float) -> str:
     return 's' if duration_s < 600.0 else 'min' if duration_s < 7200.0 else 'h'
 
 
+def bar_places(groups: int, group: int) -> tuple[float, float]:
+    """
+    Return offset and width of the bars of one series, side by side with those of the others.
+
+    Examples
+    --------
+    >>> bar_places(2, 0)
+    (-0.2, 0.4)
+    """
+    width = 0.8 / max(1, groups)
+    return (group - (groups - 1) / 2.0) * width, width
+
+
 def drawable(axis: AxisResult) -> bool:
     """Return whether a logarithmic plot can show anything of the deviation."""
     return axis.allan is not None and bool(np.any(axis.allan.deviation > 0.0))

@@ -15,6 +15,7 @@ from imu_bench.config.schema import (
     parse_quantity,
     raise_if_any,
     Setting,
+    stated,
     suggestion,
 )
 from imu_bench.errors import ConfigError
@@ -222,7 +223,7 @@ def _motion(
             problems.append(f'{where}.{name}.zone: no zone {values["zone"]!r}; known are {known}')
             return None
         motion = _confined(motion, kind, chosen, values['fade'][0])
-    return motion, {'kind': name, **_stated(values, own), 'events': list(motion.events)}
+    return motion, {'kind': name, **stated(values, own), 'events': list(motion.events)}
 
 
 def _confined(motion: Motion, kind: Kind, spans: Iterable[Zone], fade_s: float) -> Motion:
@@ -264,19 +265,6 @@ def _value(text: str) -> Any:
         raise ConfigError(f'{text!r} is no value: {" ".join(str(error).split())}') from error
 
 
-def _stated(values: Mapping[str, Any], settings: Iterable[Setting]) -> dict[str, Any]:
-    """Return settings for JSON: quantities in SI with their unit, the rest as it is."""
-    units = {setting.name: setting.unit for setting in settings if setting.kind == 'quantity'}
-    stated = {}
-    for name, value in values.items():
-        if name in units and value is not None:
-            numbers = value[0] if len(value) == 1 else list(value)
-            stated[name] = {'value': numbers, 'unit': units[name]}
-        else:
-            stated[name] = value
-    return stated
-
-
 def _truth(
     name: str,
     top: Mapping[str, Any],
@@ -288,7 +276,7 @@ def _truth(
     return {
         'name': name,
         'seed': seed,
-        **_stated(top, _TOP),
+        **stated(top, _TOP),
         'zones': zones,
         'motions': motions,
     }

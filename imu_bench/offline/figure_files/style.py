@@ -12,6 +12,7 @@ from typing import Any
 from imu_bench.offline.notation import number
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -90,11 +91,16 @@ def logarithmic(ax: Axes, x_label: str, y_label: str, view: tuple[float, float] 
         ax.set_ylim(*view)
     low, high = ax.get_ylim()
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_formatter(FuncFormatter(_plain))
-        axis.set_minor_formatter(NullFormatter())
+        plain_numbers(axis)
     if high < _FEW_DECADES * low:  # too few powers of ten in sight to read a value by
         ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.grid(which='minor', color='#f0f2f5', linewidth=0.4)
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Write the numbers of a logarithmic axis as people do: 0.01, 1, 100."""
+    axis.set_major_formatter(FuncFormatter(_plain))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _plain(value: float, _position: int | None = None) -> str:

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`imu-bench campaign`: every test of a bench, simulated or recorded, analysed by its plan."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+from typing import TYPE_CHECKING
+
+from imu_bench.cli.main import complain, DONE, FAULT
+from imu_bench.errors import BenchError, ConfigError
+
+if TYPE_CHECKING:
+    from imu_bench.config import BenchConfig
+    from imu_bench.config.campaign import BenchTest
+
+_DESCRIPTION = """\
+Runs the tests that a bench lists: simulates every run that is not there yet, analyses the runs of
+each test with its plan, and writes one report per test and a page that leads to them.  Recordings
+of a real bench, put into the folders that --list names, are analysed in the same way."""
+
+
+def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add this verb."""
+    parser = verbs.add_parser(
+        'campaign', help='all tests of a bench, each with its report', description=_DESCRIPTION
+    )
+    parser.add_argument('bench', metavar='BENCH', help='a bench of config/benches or a YAML file')
+    parser.add_argument(
+        '--test', action='append', default=[], metavar='NAME', help='only this test (repeatable)'
+    )
+    parser.add_argument('--list', action='store_true', help='show tests and folders, do nothing')
+    parser.add_argument(
+        '--short', action='store_true', help='the short form of every test: minutes, not hours'
+    )
+    parser.add_argument(
+        '--recorded', action='store_true', help='analyse what is there; simulate nothing'
+    )
+    parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the first run')
+    parser.add_argument('--jobs', type=int, metavar='N', help='processes; one per core by default')
+    parser.add_argument('-o', '--output', type=Path, metavar='DIR', help='where everything goes')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the campaign; return 0 if every test has its result."""
+    # imported here: help must not wait for scipy
+    from imu_bench import bench
+    from imu_bench.config.location import named_file
+
+    config = bench.load_bench(named_file('benches', arguments.bench))
+    tests = _chosen(config, arguments)
+    if arguments.list:
+        _show(config, tests, arguments)
+        return DONE
+    if arguments.output is None:
+        raise ConfigError('where to? Name a folder with -o DIR')
+    from imu_bench.cli.campaign_runs import conduct
+    from imu_bench.offline.report.campaign_page import Chapter, write
+
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    chapters: list[Chapter] = []
+    for test in tests:
+        print(f'{test.name}: {test.title or ", ".join(test.scenarios)}')
+        try:
+            chapters.append(conduct(config, test, arguments))
+        except BenchError as error:
+            complain(f'test {test.name}: {error}')
+            chapters.append(Chapter(test.name, test.title, test.plan, failure=str(error)))
+    index = arguments.output / 'index.html'
+    write(config.title or config.name, chapters, index)
+    print(f'wrote {index}')
+    return FAULT if any(chapter.failed for chapter in chapters) else DONE
+
+
+def _chosen(config: BenchConfig, arguments: argparse.Namespace) -> list[BenchTest]:
+    """Return the tests that were asked for, in the order of the bench."""
+    known = {test.name: test for test in config.tests}
+    if not known:
+        raise ConfigError(
+            f'bench {config.name} lists no tests; add them under tests: in its YAML file'
+        )
+    for name in arguments.test:
+        if name not in known:
+            raise ConfigError(f'--test {name}: bench {config.name} has: {", ".join(known)}')
+    chosen = [
+        test
+        for test in config.tests
+        if (test.name in arguments.test if arguments.test else not test.on_request)
+    ]
+    return [test.shortened() if arguments.short else test for test in chosen]
+
+
+def _show(config: BenchConfig, tests: list[BenchTest], arguments: argparse.Namespace) -> None:
+    base = arguments.output or Path('DIR')
+    for test in tests:
+        print(f'{test.name}: {test.title}')
+        print(f'  plan {test.plan}' + (f', reference {test.reference}' if test.reference else ''))
+        for one in test.runs(arguments.seed):
+            print(f'  {base / test.name / one.name}')
+    left = [t.name for t in config.tests if t.on_request and t.name not in arguments.test]
+    if left and not arguments.test:
+        print(f'only with --test: {", ".join(left)}', file=sys.stderr)

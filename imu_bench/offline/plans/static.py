@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Static comparison: the tables of Shabulinzenze 2020 (Tampere University MSc thesis), section 5.1.
+
+Tables 5.1 (stationary data), 5.2 (noise density, rate and bandwidth), 5.4 to 5.6 (N, B, K), 5.7
+(correlation time of the bias) and 5.8 (how well a Kalman filter follows it), for any sensors.
+Table 5.3 is the slopes at which N, B and K are read; here all are fitted at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import math
+from typing import NamedTuple
+
+from imu_bench.config.schema import Setting
+from imu_bench.errors import RecordingError
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.spectrum import density_from_sigma
+from imu_bench.offline.axis_result import AxisResult
+from imu_bench.offline.comparison import labels, ratio, typical_of
+from imu_bench.offline.health import Finding
+from imu_bench.offline.notation import readable_unit, short, text
+from imu_bench.offline.plans.plan import NoisePlan
+from imu_bench.offline.plans.result import Cell, Column, PlanFigure, PlanResult, Series, Table
+from imu_bench.offline.plotting import drawable
+from imu_bench.offline.results import RecordingResult
+from imu_bench.registers import Typical
+from imu_bench.samples import IMU_QUANTITIES, Quantity
+from imu_bench.units import convert
+
+_TITLES = {'linear_acceleration': 'Acceleration', 'angular_velocity': 'Angular velocity'}
+_TERMS = {
+    'N': ('random walk N (table 5.4)', 'White noise; slope −1/2 of the Allan deviation.'),
+    'B': ('bias instability B (table 5.5)', 'Flicker noise; the floor is 0.664 B.'),
+    'K': ('rate random walk K (table 5.6)', 'Slope +1/2 of the Allan deviation.'),
+}
+_RATE_DIGITS = 7
+_DRIFTS = ('autocorrelation', 'allan_fit', 'bias_instability')
+
+
+class _Sensor(NamedTuple):
+    """One sensor in one quantity."""
+
+    label: str
+    result: RecordingResult
+    axes: list[AxisResult]
+    sheet: Typical | None
+
+
+class Static(NoisePlan):
+    """Sensors at rest, side by side as in the thesis."""
+
+    name = 'static'
+    title = 'Static comparison'
+    SETTINGS = (
+        Setting(
+            'bandwidth', None, 'Bandwidth of every sensor, instead of its datasheet.', (),
+            (1e-6, 1e9), 'Hz', 'quantity',
+        ),
+    )  # fmt: skip
+
+    def conclude(self, measured: Sequence[RecordingResult]) -> PlanResult:
+        """Return the tables of all sensors that were at rest."""
+        names = labels(measured)
+        if self.reference and self.reference not in names:
+            raise RecordingError(
+                f'--reference {self.reference}: not among the sensors: {", ".join(names)}'
+            )
+        tables: list[Table] = []
+        figures: list[PlanFigure] = []
+        summary: list[str] = []
+        for quantity in IMU_QUANTITIES:
+            sensors = [
+                _Sensor(name, result, axes, typical_of(result).get(quantity.field))
+                for name, result in zip(names, measured, strict=True)
+                if (axes := result.of(quantity.name))
+            ]
+            if sensors:
+                summary += _summary(quantity, sensors)
+                tables += self._tables(quantity, sensors)
+                figures += _figures(quantity, sensors)
+        findings = tuple(
+            Finding(f.severity, f.code, f'{name}: {f.text}', f.effect, f.action)
+            for name, result in zip(names, measured, strict=True)
+            for f in result.health.findings
+            if f.severity != 'info'
+        )
+        values = {name: result.to_json() for name, result in zip(names, measured, strict=True)}
+        return PlanResult(
+            self.name, self.title, tuple(summary), tuple(tables), tuple(figures), findings, values
+        )
+
+    def _tables(self, quantity: Quantity, sensors: Sequence[_Sensor]) -> Iterator[Table]:
+        title = _TITLES[quantity.name]
+        yield self._stationary(title, sensors)
+        yield self._densities(title, sensors)
+        for term, (words, note) in _TERMS.items():
+            yield _coefficients(f'{title}: {words}', term, note, sensors)
+        yield _correlation(f'{title}: drift of the bias (table 5.7)', sensors)
+        yield _tracking(f'{title}: the bias followed by a Kalman filter (table 5.8)', sensors)
+
+    def _stationary(self, title: str, sensors: Sequence[_Sensor]) -> Table:
+        reference = {
+            axis.letter: axis.statistics['std']
+            for sensor in sensors
+            if sensor.label == (self.reference or sensors[0].label)
+            for axis in sensor.axes
+        }
+        axes = [axis for sensor in sensors for axis in sensor.axes]
+        unit = _unit('level', [axis.statistics['std'] for axis in axes])
+        rows: list[tuple[Cell, ...]] = []
+        for sensor in sensors:
+            for axis in sensor.axes:
+                known = axis.statistics
+                base = reference.get(axis.letter)
+                rows.append(
+                    (
+                        f'{sensor.label} {axis.letter}',
+                        *(known.get(n) for n in ('minimum', 'maximum', 'peak_to_peak', 'std')),
+                        known.get('mean'),
+                        None if base is None else ratio(known['std'], base),
+                    )
+                )
+        head = ('minimum', 'maximum', 'peak to peak', 'σ', 'bias')
+        columns = (
+            Column('sensor, axis'), *(Column(name, unit) for name in head), Column('ratio of σ'),
+        )  # fmt: skip
+        note = (
+            'Bias is the mean and holds gravity. Ratio against '
+            f'{self.reference or sensors[0].label}, axis by axis.'
+        )
+        return Table(f'{title}: stationary data (table 5.1)', columns, tuple(rows), note)
+
+    def _densities(self, title: str, sensors: Sequence[_Sensor]) -> Table:
+        asked = self.settings['bandwidth']
+        white = [axis.white_density for sensor in sensors for axis in sensor.axes]
+        density = _unit('density', white)
+        level = _unit('level', [a.statistics['std'] for s in sensors for a in s.axes])
+        rows: list[tuple[Cell, ...]] = []
+        for sensor in sensors:
+            sheet = sensor.sheet
+            bandwidth = asked[0] if asked else sheet.bandwidth if sheet else None
+            rate = sensor.result.health.rate
+            if bandwidth is not None and rate.value is not None:
+                bandwidth = min(bandwidth, 0.5 * rate.value)
+            for position, axis in enumerate(sensor.axes):
+                given = _per_axis(sheet, position)
+                simple = bandwidth and density_from_sigma(axis.statistics['std'], bandwidth)
+                stated = axis.white_density.unit
+                rows.append(
+                    (
+                        f'{sensor.label} {axis.letter}',
+                        None if given is None else convert(given, stated, density),
+                        simple or None,
+                        axis.white_density,
+                        short(rate, _RATE_DIGITS),
+                        bandwidth,
+                        _total(given, bandwidth, axis.unit, level),
+                    )
+                )
+        columns = (
+            Column('sensor, axis'), Column('datasheet', density), Column('σ/√bandwidth', density),
+            Column('white noise', density), Column('rate, Hz'), Column('bandwidth', 'Hz'),
+            Column('datasheet noise', level),
+        )  # fmt: skip
+        note = (
+            'σ/√bandwidth is equation 5.1 of the thesis: it counts drift as noise, and is right '
+            'only where the bandwidth is the true one. White noise is one-sided, √2 N of the '
+            'fitted Allan deviation. Bandwidth is that of the datasheet, at most half the rate. '
+            'Datasheet noise is its density times √bandwidth.'
+        )
+        return Table(f'{title}: noise density (table 5.2)', columns, tuple(rows), note)
+
+
+def _total(density: float | None, bandwidth: float | None, unit: str, shown: str) -> float | None:
+    if density is None or bandwidth is None:
+        return None
+    return convert(density * math.sqrt(bandwidth), unit, shown)
+
+
+def _per_axis(sheet: Typical | None, position: int) -> float | None:
+    given = None if sheet is None else sheet.noise_density
+    return given[position] if isinstance(given, tuple) else given
+
+
+def _unit(role: str, estimates: Sequence[Estimate]) -> str:
+    sizes = [e.value if e.value is not None else e.high for e in estimates]
+    return readable_unit(estimates[0].unit, role, sizes)
+
+
+def _coefficients(title: str, term: str, note: str, sensors: Sequence[_Sensor]) -> Table:
+    found = {s.label: {a.letter: getattr(a.model, term) for a in s.axes} for s in sensors}
+    unit = _unit(term, [e for axes in found.values() for e in axes.values()])
+    rows = tuple((label, *(axes.get(letter) for letter in 'xyz')) for label, axes in found.items())
+    return Table(title, (Column('sensor'), *(Column(x, unit) for x in 'xyz')), rows, note)
+
+
+def _correlation(title: str, sensors: Sequence[_Sensor]) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for sensor in sensors:
+        for axis in sensor.axes:
+            drift = axis.checks.drift if axis.checks else None
+            models = {} if drift is None else drift.models
+            name = next((n for n in _DRIFTS if n in models and models[n].T_c.value), '')
+            cells: tuple[Cell, ...] = (None, None, 'no drift seen')
+            if name:
+                cells = (models[name].T_c, models[name].sigma, name.replace('_', ' '))
+            rows.append((f'{sensor.label} {axis.letter}', *cells))
+    sigmas = [row[2] for row in rows if isinstance(row[2], Estimate)]
+    unit = _unit('level', sigmas) if sigmas else ''
+    columns = (
+        Column('sensor, axis'), Column('T_c', 's'), Column('σ', unit), Column('found by', ''),
+    )  # fmt: skip
+    note = 'First-order Gauss-Markov process: the autocorrelation falls to σ²/e after T_c.'
+    return Table(title, columns, tuple(rows), note)
+
+
+def _tracking(title: str, sensors: Sequence[_Sensor]) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for sensor in sensors:
+        for axis in sensor.axes:
+            drift = axis.checks.drift if axis.checks else None
+            tracked = None if drift is None else drift.tracking
+            cells: tuple[Cell, ...] = (None, 'no bias to track')
+            if tracked is not None:
+                cells = (tracked.rmse, 'white' if tracked.white else 'not white')
+            rows.append((f'{sensor.label} {axis.letter}', *cells))
+    errors = [row[1] for row in rows if isinstance(row[1], Estimate)]
+    columns = (
+        Column('sensor, axis'),
+        Column('RMSE', _unit('level', errors) if errors else ''),
+        Column('innovations'),
+    )
+    note = (
+        'RMSE of the tracked bias against the smoothed measurement. Innovations that are not '
+        'white hold something that the model does not.'
+    )
+    return Table(title, columns, tuple(rows), note)
+
+
+def _summary(quantity: Quantity, sensors: Sequence[_Sensor]) -> Iterator[str]:
+    ranked = sorted(
+        (value, sensor.label, axis)
+        for sensor in sensors
+        for axis in sensor.axes
+        if (value := axis.white_density.value) is not None
+    )
+    if not ranked:
+        yield f'{_TITLES[quantity.name]}: no axis shows white noise.'
+        return
+    best, worst = ranked[0], ranked[-1]
+    unit = _unit('density', [best[2].white_density])
+    line = (
+        f'{_TITLES[quantity.name]}: {best[1]} {best[2].letter} has the least white noise, '
+        f'{text(best[2].white_density, unit)}'
+    )
+    if best is not worst:
+        line += f'; {worst[1]} {worst[2].letter} the most, {worst[0] / best[0]:.3g} times as much'
+    yield f'{line}.'
+
+
+def _figures(quantity: Quantity, sensors: Sequence[_Sensor]) -> Iterator[PlanFigure]:
+    title = _TITLES[quantity.name]
+    for letter in 'xyz':
+        series = []
+        for sensor in sensors:
+            for axis in sensor.axes:
+                curve = axis.allan
+                if axis.letter == letter and curve is not None and drawable(axis):
+                    seen = curve.deviation > 0.0
+                    points = (curve.tau[seen], curve.deviation[seen])
+                    band = (curve.low[seen], curve.high[seen])
+                    series.append(Series(sensor.label, *points, *band))
+        if series:
+            label = f'Allan deviation in {sensors[0].axes[0].unit}'
+            yield PlanFigure(
+                f'{title} {letter}: Allan deviation (figure 5.2)', 'averaging time τ in s', label,
+                tuple(series), log_x=True, log_y=True,
+            )  # fmt: skip

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a test plan: the answer, what casts doubt on it, tables and figures."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from imu_bench import __version__
+from imu_bench.offline.plans import shown
+from imu_bench.offline.plans.result import PlanResult, Table
+from imu_bench.offline.report import plan_figures
+from imu_bench.offline.report.document import page, Places
+
+_NAMED_SOURCES = 12
+
+
+def render(result: PlanResult) -> str:
+    """Return the report as one HTML document without any reference to the outside."""
+    collected = Places()
+    figures = [collected.add(plan_figures.draw(figure), figure.title) for figure in result.figures]
+    more = len(result.sources) - _NAMED_SOURCES
+    return page(
+        'plan.html',
+        collected,
+        title=result.title,
+        version=__version__,
+        result=result,
+        sources=result.sources[:_NAMED_SOURCES],
+        more=max(0, more),
+        settings=[(name, text) for name, text in map(_setting, result.settings.items()) if text],
+        tables=[_table(table) for table in result.tables],
+        figures_of_plan=figures,
+    )
+
+
+def write(result: PlanResult, path: str | os.PathLike[str]) -> None:
+    """
+    Write the report.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    Path(path).write_text(render(result), encoding='utf-8')
+
+
+def _table(table: Table) -> dict[str, Any]:
+    return {
+        'title': table.title,
+        'note': table.note,
+        'columns': list(zip(table.columns, shown.words(table), strict=True)),
+        'rows': shown.cells(table),
+    }
+
+
+def _setting(item: tuple[str, Any]) -> tuple[str, str]:
+    name, value = item
+    if isinstance(value, dict) and set(value) == {'value', 'unit'}:
+        return name, f'{value["value"]} {value["unit"]}'
+    if isinstance(value, list | tuple):
+        return name, ', '.join(map(str, value))
+    return name, '' if value is None else str(value)

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`imu-bench campaign`: runs, results, the page that leads to them, and bad input in one line."""
+
+import json
+import re
+
+import pytest
+
+BENCH = """\
+name: one
+title: One inclinometer
+sensors:
+  - file: {sensor}
+tests:
+  - name: rest
+    title: At rest <b>
+    scenarios: [still]
+    duration: "1 h"
+    plan: static
+    settings: {{bandwidth: 100 Hz}}
+    short: {{duration: "20 s", repetitions: 2}}
+  - name: night
+    scenarios: [still]
+    duration: "14 h"
+    on_request: true
+"""
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """Return the file of a bench with two tests."""
+    from imu_bench.config.location import config_file
+
+    path = tmp_path / 'bench.yaml'
+    path.write_text(BENCH.format(sensor=config_file('sensors/scl3300.yaml')), encoding='utf-8')
+    return path
+
+
+def test_runs_are_simulated_analysed_and_led_to(imu_bench, bench, tmp_path):
+    folder = tmp_path / 'campaign'
+    code, out, err = imu_bench('campaign', bench, '--short', '--jobs', '1', '-o', folder)
+    assert (code, err) == (0, '')
+    assert sorted(path.name for path in folder.iterdir()) == ['index.html', 'rest']
+    runs = sorted(path.name for path in (folder / 'rest').iterdir() if path.is_dir())
+    assert runs == ['still_1', 'still_2']
+    found = json.loads((folder / 'rest/results.json').read_text(encoding='utf-8'))
+    assert found['settings']['bandwidth'] == {'value': 100.0, 'unit': 'Hz'}
+    assert len(found['sources']) == 2
+    page = (folder / 'index.html').read_text(encoding='utf-8')
+    assert 'href="rest/report.html"' in page
+    assert 'At rest &lt;b&gt;' in page
+    assert (folder / 'rest/report.html').is_file()
+    assert out.splitlines()[-1] == f'wrote {folder}/index.html'
+
+
+def test_a_run_that_is_there_is_not_simulated_again(imu_bench, bench, tmp_path):
+    folder = tmp_path / 'campaign'
+    imu_bench('campaign', bench, '--short', '--jobs', '1', '-o', folder)
+    before = {path: path.stat().st_mtime_ns for path in folder.glob('rest/*/*.mcap')}
+    code, _, _ = imu_bench('campaign', bench, '--short', '--jobs', '1', '--recorded', '-o', folder)
+    assert code == 0
+    assert before == {path: path.stat().st_mtime_ns for path in folder.glob('rest/*/*.mcap')}
+    assert len(before) == 2
+
+
+def test_repetitions_differ(imu_bench, bench, tmp_path):
+    folder = tmp_path / 'campaign'
+    imu_bench('campaign', bench, '--short', '--jobs', '1', '-o', folder)
+    one, two = (path.read_bytes() for path in sorted(folder.glob('rest/*/*.mcap')))
+    assert one != two
+
+
+def test_the_list_names_folders_and_what_is_left_out(imu_bench, bench):
+    code, out, err = imu_bench('campaign', bench, '--list')
+    assert code == 0
+    assert re.search(r'DIR/rest/still$', out, re.MULTILINE)
+    assert 'night' not in out
+    assert err == 'only with --test: night\n'
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        (('--test', 'ride'), '--test ride: bench one has: rest, night'),
+        ((), 'where to? Name a folder with -o DIR'),
+    ],
+)
+def test_bad_input_is_one_line(imu_bench, bench, arguments, text):
+    code, _, err = imu_bench('campaign', bench, *arguments)
+    assert code == 1
+    assert err == f'imu-bench: error: {text}\n'
+
+
+def test_missing_recordings_are_named_and_the_page_says_so(imu_bench, bench, tmp_path):
+    folder = tmp_path / 'campaign'
+    code, _, err = imu_bench('campaign', bench, '--recorded', '-o', folder)
+    assert code == 1
+    assert 'test rest: 1 of 1 runs are missing' in err
+    assert 'runs are missing' in (folder / 'index.html').read_text(encoding='utf-8')
+
+
+@pytest.mark.parametrize(
+    ('change', 'text'),
+    [
+        (('plan: static', 'plan: stetic'), 'did you mean static?'),
+        (('bandwidth: 100 Hz', 'band: 100 Hz'), '--set band: plan static has no such setting'),
+        (('scenarios: [still]', 'scenarios: [stil]'), "'stil'"),
+    ],
+)
+def test_a_test_that_cannot_run_is_one_line(imu_bench, bench, tmp_path, change, text):
+    bench.write_text(bench.read_text(encoding='utf-8').replace(*change), encoding='utf-8')
+    code, _, err = imu_bench('campaign', bench, '--short', '-o', tmp_path / 'c')
+    assert code == 1
+    assert len(err.splitlines()) == 1
+    assert text in err
+
+
+@pytest.mark.parametrize(
+    ('change', 'text'),
+    [
+        (('repetitions: 2', 'repetitions: 0'), 'tests[0].short.repetitions: 0 is not allowed'),
+        (('name: night', 'name: rest'), "tests: 'rest' is there twice"),
+        (('on_request: true', 'on_demand: true'), 'tests[1].on_demand: unknown'),
+        (('duration: "1 h"', 'duration: 1'), 'tests[0].duration: '),
+    ],
+)
+def test_a_bench_with_a_wrong_test_is_refused(imu_bench, bench, tmp_path, change, text):
+    bench.write_text(bench.read_text(encoding='utf-8').replace(*change), encoding='utf-8')
+    code, _, err = imu_bench('campaign', bench, '-o', tmp_path / 'c')
+    assert code == 1
+    assert text in err

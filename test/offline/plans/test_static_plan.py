@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The static comparison has the thesis's tables, with the numbers of the noise analysis."""
+
+from imu_bench.errors import RecordingError
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.offline.analyse import analyse
+from imu_bench.offline.plans.static import Static
+import pytest
+
+
+@pytest.fixture(scope='module')
+def measured(noise, recording_of):
+    quiet = recording_of(noise(seed=1, n=40_000), topic='/bench/mpu9250/imu/data_raw')
+    loud = recording_of(
+        noise(seed=2, n=40_000, acceleration=6e-3), topic='/bench/lsm9ds1/imu/data_raw'
+    )
+    return [analyse(quiet), analyse(loud)]
+
+
+def table(result, words):
+    [found] = [t for t in result.tables if words in t.title and t.title.startswith('Acc')]
+    return found
+
+
+def test_the_tables_of_the_thesis_are_there(measured):
+    result = Static().conclude(measured)
+    for number in ('5.1', '5.2', '5.4', '5.5', '5.6', '5.7', '5.8'):
+        assert table(result, f'(table {number})').rows
+
+
+def test_ratios_refer_to_the_reference(measured):
+    rows = {row[0]: row for row in table(Static().conclude(measured), '5.1').rows}
+    assert rows['mpu9250 x'][-1] == Estimate(1.0, 1.0, 1.0, '1')
+    assert rows['lsm9ds1 y'][-1].value == pytest.approx(3.0, rel=0.03)
+    turned = Static(reference='lsm9ds1').conclude(measured)
+    rows = {row[0]: row for row in table(turned, '5.1').rows}
+    assert rows['mpu9250 y'][-1].value == pytest.approx(1 / 3, rel=0.03)
+
+
+def test_an_unknown_reference_is_refused(measured):
+    with pytest.raises(RecordingError, match='piezo: not among the sensors: mpu9250, lsm9ds1'):
+        Static(reference='piezo').conclude(measured)
+
+
+def test_equation_5_1_with_a_bandwidth_of_ones_own(measured):
+    """σ/√f: 20 mm/s² rms of the white noise of density 2 mm/s²/√Hz at 100 Hz is over 50 Hz."""
+    sigma = measured[0].axes['linear_acceleration.x'].statistics['std'].value
+    rows = table(Static({'bandwidth': '16 Hz'}).conclude(measured), '5.2').rows
+    assert rows[0][2].value == pytest.approx(sigma / 4.0)
+    # never more than the sampling lets through
+    rows = table(Static({'bandwidth': '1 kHz'}).conclude(measured), '5.2').rows
+    assert rows[0][2].value == pytest.approx(sigma / 50.0**0.5, rel=1e-3)
+
+
+def test_the_quietest_is_named(measured):
+    first = Static().conclude(measured).summary[0]
+    assert first.startswith('Acceleration: mpu9250')
+    assert 'lsm9ds1' in first
