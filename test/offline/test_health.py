@@ -219,6 +219,19 @@ class TestValues:
         assert 'saturated' in codes(found)
         assert 'angular_velocity.x at -0.002' in finding(found, 'saturated').text
 
+    def test_the_tail_of_a_coarse_signal_is_not_cut_off(self, recording_of, noise):
+        """The last value but one may be missing by chance."""
+
+        def tail(column):
+            order = np.argsort(column[:, 1])
+            steps = np.repeat([0, 1, 2, 3], [5, 1, 12, 17])
+            column[order[: steps.size], 1] = column[order[steps.size], 1] + 5e-3 * (steps - 4)
+            return column
+
+        samples = changed(noise(), 'acceleration', lambda a: np.round(a / 5e-3) * 5e-3)
+        found = health.check(recording_of(changed(samples, 'acceleration', tail)))
+        assert 'saturated' not in codes(found)
+
     def test_coarse(self, recording_of, noise):
         samples = changed(noise(), 'acceleration', lambda a: np.round(a / 0.1) * 0.1)
         assert 'resolution' in codes(health.check(recording_of(samples)))

@@ -16,7 +16,7 @@ from imu_bench.units import STANDARD_GRAVITY
 import numpy as np
 
 _STUCK_SEVERE = 0.05  # share of the recording
-_SATURATED, _PILE = 5, 3  # samples at the extreme; times as many as at the value next to it
+_SATURATED, _PILE = 5, 3  # samples at the extreme; times as many as at a value next to it
 _LEVELS = 16  # fewer levels make piling up at the extreme normal
 _REPEATED = 0.01  # share of whole samples that repeat, beyond chance
 _SPIKE = 10.0  # σ: chance of one in 10¹⁵ Gaussian samples is below 10⁻⁸
@@ -110,7 +110,7 @@ def saturated(facts: Mapping[str, Numbers], signals: Sequence[Axis]) -> Iterator
             extreme = fact.highest if top else fact.lowest
             if at < _SATURATED or extreme == 0.0:
                 continue
-            if at > _PILE * runs.level_inside(axis.values, extreme, top=top):
+            if at > _PILE * runs.levels_inside(axis.values, extreme, top=top):
                 cut.append(f'{axis.name} at {number(extreme)} {axis.unit}')
                 share = max(share, at / axis.values.size)
     if cut:
