@@ -20,7 +20,7 @@ _SATURATED, _PILE = 5, 3  # samples at the extreme; times as many as at a value 
 _LEVELS = 16  # fewer levels make piling up at the extreme normal
 _REPEATED = 0.01  # share of whole samples that repeat, beyond chance
 _SPIKE = 10.0  # σ: chance of one in 10¹⁵ Gaussian samples is below 10⁻⁸
-_SPIKE_STEPS = 3.0  # resolution steps
+_ROUNDED = 0.5  # steps by which rounding can move the median that the noise is taken from
 _GRAVITY = 0.15  # relative; consumer parts are within 3 %
 
 
@@ -153,7 +153,7 @@ def spikes(
     first = signals[0].values.size if signals else 0
     for axis in signals:
         fact = facts[axis.name]
-        limit = max(_SPIKE * fact.noise, _SPIKE_STEPS * (fact.resolution or 0.0))
+        limit = _SPIKE * (fact.noise + _ROUNDED * (fact.resolution or 0.0))
         if limit <= 0.0 or motion.share == 1.0:
             continue
         found = runs.spikes(axis.values, limit)
