@@ -39,7 +39,8 @@ def power_law(alpha: int, n: int) -> np.ndarray:
     """
     Return the impulse response, n long, of noise with PSD ~ f^alpha.
 
-    N. J. Kasdin, "Discrete simulation of colored noise", Proc. IEEE 83(5) (1995), eq. (104).
+    N. J. Kasdin, "Discrete simulation of colored noise and stochastic processes and 1/f^α power
+    law noise generation", Proc. IEEE 83(5) (1995) 802.
     """
     k = np.arange(1, n)
     return np.concatenate(([1.0], np.cumprod((k - 1 - alpha / 2) / k)))
@@ -107,7 +108,7 @@ def main(runs: int = RUNS) -> int:
             print(
                 f'| {name} | 1/{SAMPLES / line.m:.0f} | {100 * line.covered[0.68]:.1f} '
                 f'| {100 * line.covered[0.95]:.1f} | {100 * line.identified:.0f} % '
-                f'| x{np.exp(line.width):.2f} | {"ok" if held(line) else "MISSED"} |'
+                f'| x{np.exp(line.width):.2f} | {"met" if held(line) else "NOT MET"} |'
             )
     return 0 if good else 1
 

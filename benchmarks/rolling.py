@@ -32,6 +32,7 @@ BLOCK = 200
 FACTORS = 40
 WINDOWS = (10.0, 60.0, 600.0)
 LIMIT_US = 1.5
+LIMIT_NOISE_TYPES_MS = 10.0
 SAMPLES = 100_000_000
 TOLERANCE = 1e-9
 CHECKS = 20
@@ -91,11 +92,14 @@ def cost(window_s: float, noise: np.ndarray) -> Cost:
     Moments.of(np.ascontiguousarray(window.T))
     anew = (time.perf_counter() - start) * 1e3
     phase = np.cumsum(window - window.mean(axis=0), axis=0).T.copy()
-    start = time.perf_counter()
-    for axis in phase:
-        noise_type.identify(axis, live.m)
-    types = (time.perf_counter() - start) * 1e3
-    return Cost(min(per_block), min(snapshots), types, anew, live.nbytes / 1e6)
+    types = []
+    for _ in range(5):
+        start = time.perf_counter()
+        stretches = noise_type.Stretches(np.array([[0, phase.shape[1]]]))
+        for axis in phase:
+            noise_type.identify_within(stretches, axis, live.m)
+        types.append((time.perf_counter() - start) * 1e3)
+    return Cost(min(per_block), min(snapshots), min(types), anew, live.nbytes / 1e6)
 
 
 def difference(window: Window, stamps: np.ndarray, values: np.ndarray) -> float:
@@ -155,7 +159,7 @@ def main(samples: int = SAMPLES) -> int:
     costs = []
     for window_s in WINDOWS:
         found = cost(window_s, noise)
-        costs.append(found.per_sample)
+        costs.append(found)
         # one publication per second: the samples of that second and a snapshot
         ratio = found.anew / (found.per_sample * RATE * 1e-3 + found.snapshot)
         print(
@@ -163,11 +167,20 @@ def main(samples: int = SAMPLES) -> int:
             f'| {found.noise_types:.1f} ms | {found.anew:.1f} ms | {ratio:.1f} '
             f'| {found.memory:.1f} MB |'
         )
-    print(f'limit {LIMIT_US} µs; longest window over shortest {costs[-1] / costs[0]:.2f}')
-    print(f'drift over {samples:,} samples with transients of a million sigma')
+    print(f'\ndrift over {samples:,} samples with transients of a million sigma')
     worst = drift(samples)
-    print(f'largest relative difference from batch {worst:.1e}, limit {TOLERANCE:.0e}')
-    return int(max(costs) > LIMIT_US or worst > TOLERANCE)
+    claims = (
+        ('µs per sample, whatever the window', max(c.per_sample for c in costs), LIMIT_US),
+        ('longest window over shortest, cost per sample',
+         costs[-1].per_sample / costs[0].per_sample, 1.5),
+        ('ms for the noise types of six axes', max(c.noise_types for c in costs),
+         LIMIT_NOISE_TYPES_MS),
+        ('largest relative difference from the batch', worst, TOLERANCE),
+    )  # fmt: skip
+    print('\n| claim | measured | at most | |\n|---|---|---|---|')
+    for name, value, most in claims:
+        print(f'| {name} | {value:.2g} | {most:g} | {"met" if value <= most else "NOT MET"} |')
+    return int(any(value > most for _, value, most in claims))
 
 
 if __name__ == '__main__':

@@ -17,7 +17,7 @@ import math
 from typing import Any, Literal
 
 from imu_bench.errors import DataError
-from imu_bench.metrology import allan_kernels, noise_type
+from imu_bench.metrology import allan_kernels, blockwise, noise_type
 from imu_bench.metrology.allan_curve import (
     build_curve,
     curve_from_sums,
@@ -26,11 +26,12 @@ from imu_bench.metrology.allan_curve import (
     possible,
 )
 from imu_bench.metrology.allan_family import MEMBERS
-from imu_bench.metrology.allan_kernels import Run
 from imu_bench.metrology.averaging import averaging_factors, BASE, decimation, Taus
+from imu_bench.metrology.blockwise import Run
 from imu_bench.metrology.confidence import check_level
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import CONFIDENCE
+from imu_bench.metrology.integral import cumulate, refuse_unfinite, TOO_LARGE
 from imu_bench.units import canonical
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +94,7 @@ def deviation(
         Level of the intervals.
     overlap : str
         For 'oadev': 'full' starts a difference at every sample.  'decimated' starts them at
-        every 3rd, 9th, 27th... sample where tau is a multiple of it and at least 16 starts
+        every 3rd, 9th, 27th... sample where tau is a multiple of it and at least 12 starts
         per tau remain; this costs below 1 % of statistical efficiency and stays within 1 %
         of full overlap.  Points where phase noise dominates, whose differences only full
         overlap uses up, are then done in full.  'auto' is full up to 2**20 samples and
@@ -129,15 +130,15 @@ def deviation(
     _check(kind, data_type, overlap, intervals, rate_hz, confidence)
     mask = _mask(valid, values.size)
     samples = values.size if mask is None else int(np.count_nonzero(mask))
-    threads = allan_kernels.default_threads() if threads is None else threads
+    threads = blockwise.default_threads() if threads is None else threads
     period = 1.0 / rate_hz
     quiet = np.errstate(over='ignore', invalid='ignore')
-    with quiet, allan_kernels.cores(threads, values.size) as run:
+    with quiet, blockwise.cores(threads, values.size) as run:
         if data_type == 'rate':
-            phase = allan_kernels.cumulate(values, mask, run)
+            phase = cumulate(values, mask, run)
         else:
             phase = np.asarray(values, np.float64)
-            allan_kernels.refuse_unfinite(phase, mask)
+            refuse_unfinite(phase, mask)
         runs = _runs(mask, phase.size)
         wanted = averaging_factors(phase.size - 1, tau, rate_hz, kind)
         m, omitted = possible(kind, wanted, runs, period)
@@ -147,7 +148,7 @@ def deviation(
         member = MEMBERS[kind]
         sums, terms = _decimated(phase, m, runs, run) if thin else member.sums(phase, m, runs, run)
         if not np.all(np.isfinite(sums)):
-            raise DataError(allan_kernels.TOO_LARGE)
+            raise DataError(TOO_LARGE)
         alpha = noise_type.identify(phase, m, runs, member.differences)
         again = (alpha > 0) & thin
         if again.any():

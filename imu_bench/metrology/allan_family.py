@@ -7,14 +7,13 @@ from collections.abc import Callable
 import math
 from typing import NamedTuple
 
+from imu_bench.metrology import blockwise
 from imu_bench.metrology.allan_kernels import (
-    BLOCK,
     modified_sums,
-    Run,
     second_difference_sums,
-    square_sum,
     third_difference_sums,
 )
+from imu_bench.metrology.blockwise import Run, square_sum
 import numpy as np
 import numpy.typing as npt
 
@@ -79,8 +78,8 @@ def _total(phase: Floats, m: Integers, runs: Integers, run: Run) -> Sums:
     for first, last in runs.tolist():
         points = phase[first:last]
         for index, factor in enumerate(m[m < points.size - 1].tolist()):
-            for start in range(1, points.size - 1, BLOCK):
-                stop = min(start + BLOCK, points.size - 1)
+            for start in range(1, points.size - 1, blockwise.BLOCK):
+                stop = min(start + blockwise.BLOCK, points.size - 1)
                 steps = _reflected(points, start - factor, stop - factor)
                 steps += _reflected(points, start + factor, stop + factor)
                 steps -= 2.0 * points[start:stop]

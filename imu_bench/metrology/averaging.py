@@ -23,11 +23,11 @@ Decimation goes by powers of this.  It is odd so that a tone locked to the sampl
 a period of 2, 4 or 8 samples, is not met at the same phase every time.
 """
 
-LEAST_OVERLAP = 16
+LEAST_OVERLAP = 12
 """
 Starting points per averaging time that decimation leaves at least.  The variance of the
-overlapped Allan variance of white noise is then 0.5 % above its limit (0.01 % for random
-walk), by equation (10) of Greenhall and Riley (2003).
+overlapped Allan variance of white noise is then 0.87 % above its limit (0.02 % for flicker
+noise), by equation (10) of Greenhall and Riley (2003).
 """
 
 _NEAR = 395.0
@@ -66,8 +66,8 @@ def averaging_factors(
     kind : str
         Member of the family.
     per_decade : int
-        Density of 'log'.  From m = 48 on that grid takes multiples of powers of three, at
-        most 3 % away, so that `overlap='decimated'` can go with them.
+        Density of 'log'.  From m = 36 on that grid takes multiples of powers of three, at
+        most 4 % away, so that `overlap='decimated'` can go with them.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def averaging_factors(
 
 def decimation(m: Integers, n: int) -> Integers:
     """
-    Return the stride between starting points that costs nothing, for each averaging factor.
+    Return the stride between starting points that costs next to nothing, for each factor.
 
     It is a power of three that divides m, so that all points of a difference are kept.
 
@@ -131,7 +131,7 @@ def decimation(m: Integers, n: int) -> Integers:
 
 
 def _smooth(wanted: Floats) -> Integers:
-    """Return each number to the nearest multiple of a power of three up to a 16th of it."""
+    """Return each number to the nearest multiple of a power of three up to a 12th of it."""
     power = np.floor(np.log(np.maximum(wanted / LEAST_OVERLAP, 1.0)) / math.log(BASE) + 1e-9)
     unit = BASE**power
     return np.unique((np.rint(wanted / unit) * unit).astype(np.int64))

@@ -8,19 +8,22 @@ intervals.  The slope-tangent method is there by name, for comparison.
 
 from __future__ import annotations
 
+from functools import cached_property
 import math
 from typing import Literal
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.correlation_time import likeliest
+from imu_bench.metrology.correlation_time import likeliest, processes
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.filter_fit import candidates
-from imu_bench.metrology.fit_range import choose_range, Range
+from imu_bench.metrology.fit_range import choose_range, Range, START_MISFIT
 from imu_bench.metrology.fit_report import METHOD, Report
 from imu_bench.metrology.low_pass import LowPass
+from imu_bench.metrology.model_choice import fit_subsets
 from imu_bench.metrology.model_fit import prepare, Problem
 from imu_bench.metrology.noise_model import coefficient_unit, NoiseModel, TERMS
+from imu_bench.metrology.screening import glance
 from imu_bench.metrology.tangent import tangent_fit
 from imu_bench.metrology.transfer import overlapped_degrees
 import numpy as np
@@ -92,39 +95,82 @@ def fit(
     (False, True)
     """
     _check(curve, confidence, terms)
-    points = _points(curve)
-    if points.size < FEWEST:
-        return _nothing(curve, confidence, points.size)
-    powers = terms.replace('G', '')
-    chosen = choose_range(_problem(curve, points, powers))
-    if 'G' in terms and points.size > FEWEST:
-        chosen = _with_process(curve, points, powers, chosen)
-    return Report(chosen, curve.unit, confidence).model()
+    fits = CurveFits(curve, confidence, terms.replace('G', ''))
+    if fits.none is not None:
+        return fits.none
+    process = fits.with_process if 'G' in terms else None
+    return fits.model(fits.powers if process is None else process)
 
 
-def _with_process(
-    curve: DeviationCurve, points: npt.NDArray[np.intp], powers: str, chosen: Range
-) -> Range:
-    """Return the fit with a Gauss-Markov process, behind a low-pass filter if there is one."""
+class CurveFits:
+    """
+    The fits of one curve: of power laws, and of a Gauss-Markov process besides.
 
-    def behind(low_pass: LowPass | None) -> Range:
-        def prepared(time: float) -> Problem:
-            problem = _problem(curve, points, powers + 'G', time)
+    Parameters
+    ----------
+    curve, confidence, terms
+        As for `fit`; terms without 'G'.
+    """
+
+    def __init__(
+        self, curve: DeviationCurve, confidence: float = CONFIDENCE, terms: str = TERMS
+    ) -> None:
+        _check(curve, confidence, terms)
+        self._curve, self._confidence, self._terms = curve, confidence, terms
+        self._points = _points(curve)
+
+    @property
+    def none(self) -> NoiseModel | None:
+        """The model if there are too few points for a fit."""
+        count = self._points.size
+        return _nothing(self._curve, self._confidence, count) if count < FEWEST else None
+
+    def model(self, chosen: Range) -> NoiseModel:
+        """Return the noise coefficients of a fit."""
+        return Report(chosen, self._curve.unit, self._confidence).model()
+
+    @cached_property
+    def powers(self) -> Range:
+        """The fit of power laws."""
+        return choose_range(_problem(self._curve, self._points, self._terms))
+
+    @cached_property
+    def with_process(self) -> Range | None:
+        """
+        The fit of the whole curve with a Gauss-Markov process, behind a filter if there is one.
+
+        None where a glance says that no process makes the model describe the curve.
+        """
+        points, low_pass = self._points, self.powers.problem.low_pass
+        if points.size <= FEWEST:
+            return None
+        if low_pass is None and not self.powers.started:
+            return self._behind(None, points)
+        problem = _problem(self._curve, points, self._terms)
+        for early in candidates(problem.only(problem.m <= EARLY * problem.m[0]))[:1]:
+            bent = self._behind(early, points)
+            if bent is not None and bent.described and bent.start <= START_MISFIT:
+                return bent
+        if low_pass is not None:
+            points = points[self._curve.tau[points] >= 0.999 * self.powers.problem.tau[0]]
+        return self._behind(low_pass, points)
+
+    def _behind(self, low_pass: LowPass | None, points: npt.NDArray[np.intp]) -> Range | None:
+        def prepared(time: float | None) -> Problem:
+            terms = self._terms if time is None else self._terms + 'G'
+            problem = _problem(self._curve, points, terms, time)
             return problem if low_pass is None else problem.behind(low_pass)
 
-        return choose_range(likeliest(prepared, curve.tau[points]))
+        if _hopeless(prepared(None)):
+            return None
+        problem = likeliest(prepared, self._curve.tau[points])
+        return Range(problem, fit_subsets(problem))
 
-    low_pass = chosen.problem.low_pass
-    if low_pass is None and not chosen.started:
-        return behind(None)
-    problem = _problem(curve, points, powers)
-    for early in candidates(problem.only(problem.m <= EARLY * problem.m[0]))[:1]:
-        bent = behind(early)
-        if bent.described and not bent.started:
-            return bent
-    if low_pass is not None:
-        points = points[curve.tau[points] >= 0.999 * chosen.problem.tau[0]]
-    return behind(low_pass)
+
+def _hopeless(problem: Problem) -> bool:
+    """Return whether not even processes of every correlation time describe a curve."""
+    columns = np.vstack([problem.basis, processes(problem.tau)])
+    return glance(problem, problem.record * problem.share / problem.tau, columns).hopeless
 
 
 def _points(curve: DeviationCurve) -> npt.NDArray[np.intp]:
@@ -190,7 +236,7 @@ def noise_density(model: NoiseModel | Estimate, sided: Literal['one', 'two'] = '
     Return the noise density of white noise from its coefficient N.
 
     White noise of the two-sided density N² has the Allan variance N²/τ (IEEE Std 952-1997
-    annex C.1.2: σ²(τ) = 4 ∫₀^∞ N² sin⁴(πfτ)/(πfτ)² df, and ∫₀^∞ sin⁴x/x² dx = π/4).  The same
+    annex C: σ²(τ) = 4 ∫₀^∞ N² sin⁴(πfτ)/(πfτ)² df, and ∫₀^∞ sin⁴x/x² dx = π/4).  The same
     power spread over positive frequencies only has twice the density, 2 N²: so the one-sided
     noise density of a datasheet is √2 N, and a sample taken at rate f_s without a filter has
     the standard deviation √2 N √(f_s/2) = N √f_s.

@@ -207,7 +207,7 @@ def simple_interval(
 
     Notes
     -----
-    IEEE Std 952-1997, annex C.1.1; used in both theses the bench grew from.
+    IEEE Std 952-1997 annex C; used in both theses the bench grew from.
 
     Examples
     --------

@@ -57,8 +57,7 @@ def shows(problem: Problem, best: Fitted) -> bool:
 
 def candidates(problem: Problem) -> list[LowPass]:
     """Return the filters that fit best, with the slower terms they need, likeliest first."""
-    longest = min(0.5 / (math.pi * LOWEST) * problem.period, PLATEAU * problem.record)
-    low = math.log(math.tan(min(0.5 * problem.period / longest, 1.5)))
+    low = _lowest(problem)
     if 'N' not in problem.terms or low >= WEAKEST or problem.tau.size < FEWEST:
         return []
     columns = np.array([problem.basis[problem.terms.index(t)] for t in _slower(problem)])
@@ -66,13 +65,24 @@ def candidates(problem: Problem) -> list[LowPass]:
     masks = np.array(list(product((False, True), repeat=len(columns))), np.bool_)
     degrees = granted(problem.record * problem.share / problem.tau)
     search = _Search(problem, columns, masks, degrees, low)
-    start = search.first()
-    found = sorted((*search.descend(order, start), order) for order in ORDERS)
+    found = search.descend(search.first())
     return [
         LowPass(warped, order, problem.period)
         for score, warped, order in found
         if score <= found[0][0] + EQUIVALENT
     ]
+
+
+def filtered_white(problem: Problem) -> Floats:
+    """Return the Allan variances of white noise behind filters of every cutoff, shape (q, k)."""
+    trials = np.linspace(min(_lowest(problem), WEAKEST), WEAKEST, _GRID)[:, None]
+    return np.vstack([(1.0 - deficit(problem.m, trials, o)) / problem.tau for o in ORDERS])
+
+
+def _lowest(problem: Problem) -> float:
+    """Return the lowest cutoff that is looked for, as `LowPass.warped`."""
+    longest = min(0.5 / (math.pi * LOWEST) * problem.period, PLATEAU * problem.record)
+    return math.log(math.tan(min(0.5 * problem.period / longest, 1.5)))
 
 
 def _slower(problem: Problem) -> str:
@@ -105,37 +115,46 @@ class _Search:
         misfit = np.where(square > 0.0, rest**2 @ weight, np.inf)
         return float(trials[int(np.argmin(misfit))])
 
-    def descend(self, order: int, start: float) -> tuple[float, float]:
-        """Return score and cutoff of the best subset, for one order of the filter."""
-        problem, data = self.problem, self.problem.variance
-        warped = np.full(len(self.masks), start)
-        model = np.broadcast_to(data, (warped.size, data.size))
+    def descend(self, start: float) -> list[tuple[float, float, int]]:
+        """Return score, cutoff and order of the best subset behind a filter of each order."""
+        data, masks = self.problem.variance, np.vstack([self.masks] * len(ORDERS))
+        warped = np.full(len(masks), start)
+        white = self._white(warped)
+        model = np.broadcast_to(data, white.shape)
         for _ in range(_PASSES):
-            raw, move = self._step(order, warped, model)
+            slope = (self._white(warped + _STEP) - white) / _STEP
+            raw, move = self._step(masks, white, slope, model)
             warped = np.clip(warped + move, self.low, WEAKEST)
-            white = (1.0 - deficit(problem.m, warped[:, None], order)) / problem.tau
+            white = self._white(warped)
             squares = np.maximum(raw, 0.0)
             model = squares[:, :1] * white + squares[:, 1:] @ self.columns
             model = np.maximum(model, 0.01 * data)
-        misfit = minus_two_log_likelihood(data, model, self.degrees, problem.octaves)
-        positive = (raw[:, 0] > 0.0) & np.all((raw[:, 1:] > 0.0) | ~self.masks, axis=1)
-        penalty = PENALTY * self.masks @ parameters_of(_slower(problem))
-        score = np.where(positive, misfit + penalty, np.inf)
-        best = int(np.argmin(score))
-        return float(score[best]), float(warped[best])
+        misfit = minus_two_log_likelihood(data, model, self.degrees, self.problem.octaves)
+        positive = (raw[:, 0] > 0.0) & np.all((raw[:, 1:] > 0.0) | ~masks, axis=1)
+        penalty = PENALTY * masks @ parameters_of(_slower(self.problem))
+        score = np.where(positive, misfit + penalty, np.inf).reshape(len(ORDERS), -1)
+        best = score.argmin(axis=1)
+        at = np.arange(len(ORDERS))
+        cutoffs = warped.reshape(score.shape)[at, best]
+        return sorted(zip(score[at, best].tolist(), cutoffs.tolist(), ORDERS, strict=True))
 
-    def _step(self, order: int, warped: Floats, model: Floats) -> tuple[Floats, Floats]:
+    def _white(self, warped: Floats) -> Floats:
+        """Return the Allan variances of filtered white noise, an equal share of each order."""
+        factors = self.problem.m
+        taken = [
+            deficit(factors, part[:, None], order)
+            for part, order in zip(np.split(warped, len(ORDERS)), ORDERS, strict=True)
+        ]
+        return np.asarray((1.0 - np.vstack(taken)) / self.problem.tau, np.float64)
+
+    def _step(
+        self, masks: Bools, white: Floats, slope: Floats, model: Floats
+    ) -> tuple[Floats, Floats]:
         """Return squares (s, 1 + p) and steps of the cutoff (s,) from a linear fit."""
-        problem, count = self.problem, len(warped)
-        white, shifted = (
-            (1.0 - deficit(problem.m, (warped + s)[:, None], order)) / problem.tau
-            for s in (0.0, _STEP)
-        )
+        problem, count = self.problem, len(masks)
         slower = np.broadcast_to(self.columns, (count, *self.columns.shape))
-        basis = np.concatenate(
-            [np.stack([white, (shifted - white) / _STEP], axis=1), slower], axis=1
-        )
-        active = np.hstack([np.ones((count, 2), np.bool_), self.masks])
+        basis = np.concatenate([np.stack([white, slope], axis=1), slower], axis=1)
+        active = np.hstack([np.ones((count, 2), np.bool_), masks])
         weights = problem.octaves * self.degrees / model**2
         weighted = basis * weights[:, None, :]
         normal = weighted @ basis.transpose(0, 2, 1)

@@ -9,18 +9,18 @@ that cycles, puts a bump on the curve.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from imu_bench.metrology.curve import Floats
-from imu_bench.metrology.filter_fit import candidates, shows
+from imu_bench.metrology.filter_fit import candidates, filtered_white, LOWEST, shows
 from imu_bench.metrology.low_pass import LowPass
 from imu_bench.metrology.model_choice import fit_subsets, residuals_of
 from imu_bench.metrology.model_fit import PENALTY, Problem, Solutions
+from imu_bench.metrology.scoring import Bools
+from imu_bench.metrology.screening import Glance, glance, HOPELESS, Judged, MISFIT
 import numpy as np
-
-MISFIT = 3.0
-"""Mean squared residual above which a model does not describe a curve."""
 
 START_MISFIT = 3.0
 """Mean residual of the first octave, in standard deviations, above which its start is wrong."""
@@ -65,7 +65,7 @@ ROUNDS = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Range:
+class Range(Judged):
     """
     The averaging times kept, and all fits to them.
 
@@ -93,15 +93,9 @@ class Range:
         return residuals_of(self.problem, self.solutions[self.solutions.likeliest])
 
     @property
-    def chi2(self) -> float:
-        """Mean squared residual, each octave counted once."""
-        octaves = self.problem.octaves
-        return float(self.residuals**2 @ octaves / octaves.sum())
-
-    @property
-    def described(self) -> bool:
-        """Whether the model describes the curve."""
-        return self.chi2 <= MISFIT
+    def degrees(self) -> Floats:
+        """Degrees of freedom of each point under the likeliest subset."""
+        return self.solutions[self.solutions.likeliest].degrees
 
     @property
     def score(self) -> float:
@@ -114,13 +108,6 @@ class Range:
         """Whether white noise is part of the likeliest subset."""
         best = self.solutions.masks[self.solutions.likeliest]
         return bool(best[self.problem.terms.index('N')])
-
-    @property
-    def start(self) -> float:
-        """Size of the mean residual of the first octave, in standard deviations."""
-        first = self.problem.tau < 1.99 * self.problem.tau[0]
-        weights = self.problem.octaves[first]
-        return abs(float(np.average(self.residuals[first], weights=weights)))
 
     @property
     def widening(self) -> float:
@@ -142,20 +129,36 @@ def choose_range(problem: Problem) -> Range:
         return filtered
     if whole.described and whole.start <= START_MISFIT:
         return whole
-    tried = [whole]
+    tried: list[Judged] = [whole]
     for count in _starts(problem):
-        shorter = problem.only(slice(count, None))
-        tried.append(Range(shorter, fit_subsets(shorter), float(shorter.tau[0])))
-        before = tried[-2]
-        if before.started and before.described and before.start <= START_FIT:
+        tried.append(_from(whole, count))
+        before, last = tried[-2:]
+        if before is not whole and before.described and before.start <= START_FIT:
             # what bends a curve fades as 1/τ: one octave more halves what is left of it
-            return tried[-1] if tried[-1].described else before
-    sound = [candidate for candidate in tried if candidate.start <= START_FIT]
-    for candidate in (whole, *sound[:1]):
-        flattened = _without_bump(candidate)
-        if flattened is not None and flattened.start <= START_FIT:
+            return _fit(last if last.described else before)
+    fits = [whole]
+    while fits[-1].start > START_FIT and len(fits) < len(tried):
+        fits.append(_fit(tried[len(fits)]))
+    sound = fits[-1] if fits[-1].start <= START_FIT else None
+    for candidate in (whole, sound):
+        flattened = candidate and _without_bump(candidate)
+        if flattened and flattened.start <= START_FIT:
             return flattened
-    return sound[0] if sound else min(tried, key=lambda candidate: candidate.chi2)
+    return sound or min(fits, key=lambda candidate: candidate.chi2)
+
+
+def _from(whole: Range, count: int) -> Judged:
+    """Return what is left without the first points, fitted unless a glance rules that out."""
+    shorter = whole.problem.only(slice(count, None))
+    seen = glance(shorter, whole.degrees[count:])
+    return seen if seen.hopeless else _fit(seen)
+
+
+def _fit(judged: Judged) -> Range:
+    """Return the fit to averaging times from a later start on."""
+    if isinstance(judged, Range):
+        return judged
+    return Range(judged.problem, fit_subsets(judged.problem), float(judged.problem.tau[0]))
 
 
 def _filtered(whole: Range) -> Range | None:
@@ -171,6 +174,10 @@ def _filtered(whole: Range) -> Range | None:
     sound = whole.described and whole.start <= START_MISFIT
     if sound and not shows(problem, whole.solutions[whole.solutions.likeliest]):
         return None
+    last = int(np.searchsorted(problem.m, CYCLES[-1] / LOWEST))
+    last = max(min(last, problem.m.size - FEWEST), 0)
+    if not sound and _no_filter(whole, 0) and _no_filter(whole, last):
+        return None
     filters = candidates(problem)
     found = _needed(whole, filters, KNOWN_FILTER, 0.0)
     for cycles in CYCLES if filters else ():
@@ -178,20 +185,28 @@ def _filtered(whole: Range) -> Range | None:
         if found is not None or not 0 < count <= problem.tau.size - FEWEST:
             break
         rest = problem.only(slice(count, None))
-        plain = Range(rest, fit_subsets(rest), float(rest.tau[0]))
-        found = _needed(plain, candidates(rest), MISFIT, DOUBT)
+        if not _no_filter(whole, count):
+            plain = Range(rest, fit_subsets(rest), float(rest.tau[0]))
+            found = _needed(plain, candidates(rest), MISFIT, DOUBT)
     return found
+
+
+def _no_filter(whole: Range, count: int) -> bool:
+    """Return whether no filter describes what is left without the first points."""
+    rest = whole.problem.only(slice(count, None))
+    columns = np.vstack([rest.basis, filtered_white(rest)])
+    return glance(rest, whole.degrees[count:], columns).hopeless
 
 
 def _needed(plain: Range, filters: list[LowPass], misfit: float, doubt: float) -> Range | None:
     """Return the fit of the same points behind a filter, if that describes them and is needed."""
-    if not filters:
+    if not filters or glance(plain.problem.behind(filters[0]), plain.degrees).hopeless:
         return None
-    found, *alike = (_behind(plain, low_pass) for low_pass in filters)
+    found = _behind(plain, filters[0])
     good = found.chi2 <= misfit and found.start <= START_FIT and found.has_white_noise
     if not good or found.score - doubt >= plain.score:
         return None
-    return replace(found, alike=alike[0] if alike else None)
+    return replace(found, alike=_behind(plain, filters[1]) if len(filters) > 1 else None)
 
 
 def _behind(plain: Range, low_pass: LowPass) -> Range:
@@ -211,7 +226,28 @@ def _starts(problem: Problem) -> list[int]:
 
 def _without_bump(candidate: Range) -> Range | None:
     """Return the curve without the points that stand highest above it, if the rest fits."""
-    problem, current = candidate.problem, candidate
+    degrees = candidate.degrees
+
+    def look(rest: Problem, kept: Bools) -> Glance:
+        return glance(rest, degrees[kept])
+
+    def fit(rest: Problem, kept: Bools) -> Range:
+        bump = candidate.problem.tau[~kept]
+        span = (float(bump[0]), float(bump[-1]))
+        return Range(rest, fit_subsets(rest), candidate.started, span)
+
+    if _flattened(candidate, look, HOPELESS) is None:
+        return None
+    flattened = _flattened(candidate, fit, MISFIT)
+    return flattened if isinstance(flattened, Range) else None
+
+
+def _flattened(
+    candidate: Range, judge: Callable[[Problem, Bools], Judged], enough: float
+) -> Judged | None:
+    """Return what is left when the points above a curve are taken off until the rest fits."""
+    problem = candidate.problem
+    current: Judged = candidate
     kept = np.ones(problem.tau.size, np.bool_)
     for _ in range(ROUNDS):
         high = current.residuals > max(BUMP, 0.3 * float(current.residuals.max()))
@@ -219,10 +255,7 @@ def _without_bump(candidate: Range) -> Range | None:
         left = float(problem.octaves[kept].sum() / problem.octaves.sum())
         if not high.any() or kept.sum() < FEWEST or left < 1.0 - WIDEST_BUMP:
             return None
-        rest, bump = problem.only(kept), problem.tau[~kept]
-        current = Range(
-            rest, fit_subsets(rest), candidate.started, (float(bump[0]), float(bump[-1]))
-        )
-        if current.described:
+        current = judge(problem.only(kept), kept)
+        if current.chi2 <= enough:
             return current
     return None

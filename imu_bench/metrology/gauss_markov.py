@@ -81,7 +81,7 @@ class Process:
 
     @property
     def q_c(self) -> float:
-        """Strength of the driving noise, sigma √(2/T_c): IEEE Std 952-1997 annex C.1.6."""
+        """Strength of the driving noise, sigma √(2/T_c): IEEE Std 952-1997 annex C."""
         return self.sigma * math.sqrt(2.0 / self.correlation_time)
 
     @classmethod
@@ -298,7 +298,7 @@ def from_allan(
     """
     Return q_c and T_c from the peak of an Allan deviation curve.
 
-    A process alone peaks at τ = 1.89 T_c with 0.437 q_c √T_c: IEEE Std 952-1997 annex C.1.6;
+    A process alone peaks at τ = 1.89 T_c with 0.437 q_c √T_c: IEEE Std 952-1997 annex C;
     Shabulinzenze 2020, Tampere University MSc thesis, section 3.1.4.
 
     Parameters

@@ -18,6 +18,7 @@ from imu_bench.metrology.gauss_markov import Process
 import numpy as np
 import numpy.typing as npt
 from scipy import special
+from scipy.linalg import lapack
 
 Bools = npt.NDArray[np.bool_]
 
@@ -189,13 +190,11 @@ class _Filter:
 
     def update(self, x: Floats, start: int) -> None:
         """Take in samples without gaps."""
-        from scipy.signal import lfilter  # half of the start-up time, and seldom needed
-
         count, gain, before = self._settle(x, start)
         if count < x.size:
             rest = slice(start + count, start + x.size)
             keep = self._transition * (1.0 - gain)
-            bias, _ = lfilter([gain], [1.0, -keep], x[count:], zi=[keep * self._state])
+            bias = _smoothed(gain * x[count:], keep, self._state)
             predicted = self._transition * np.concatenate([[self._state], bias[:-1]])
             self.bias[rest] = bias
             self.variance[rest] = self._spread
@@ -220,6 +219,21 @@ class _Filter:
             if abs(gain - last) <= _SETTLED * gain:
                 return index + 1, gain, before
         return x.size, gain, before
+
+
+def _smoothed(drive: Floats, keep: float, before: float) -> Floats:
+    """
+    Return y with y[k] = keep y[k-1] + drive[k]; `before` is the first y[k-1].
+
+    As a system of equations with two diagonals: the import of scipy.signal, which has filters,
+    takes longer than most recordings.
+    """
+    bands = np.empty((2, drive.size))
+    bands[0], bands[1] = 1.0, -keep
+    right = drive.copy()
+    right[0] += keep * before
+    solved, _ = lapack.dtbtrs(bands, right[:, None], uplo='L')
+    return np.asarray(solved[:, 0], np.float64)
 
 
 def whiteness(innovation: npt.ArrayLike, block: int) -> Whiteness:

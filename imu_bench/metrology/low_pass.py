@@ -80,7 +80,7 @@ def deficit(m: npt.ArrayLike, warped: npt.ArrayLike, order: int) -> Floats:
 
     A pole p of the filter adds Re(A p^(k−1)) to the autocovariance at lag k > 0, and summed over
     windows of m samples that gives Re(A (3 − 4 p^m + p^2m)/(1 − p)²)/m; for p → 1 it is the
-    T/2τ (3 − 4 e^(−τ/T) + e^(−2τ/T)) of a continuous filter (IEEE Std 952-1997 (C.18)).
+    T/2τ (3 − 4 e^(−τ/T) + e^(−2τ/T)) of a continuous filter (IEEE Std 952-1997 annex C).
 
     Parameters
     ----------

@@ -13,6 +13,7 @@ subset, which is in the list as well.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from imu_bench.metrology.curve import Floats, Integers
 from imu_bench.metrology.low_pass import bend, LowPass
@@ -106,6 +107,11 @@ class Problem:
     def period(self) -> float:
         """Sample period in s."""
         return float(self.tau[0] / self.m[0])
+
+    @cached_property
+    def scatter(self) -> Floats:
+        """Variance of each point that every pair of terms causes in this record, (p * p, k)."""
+        return self.cross / (self.record * self.share)
 
     @property
     def ramp(self) -> int | None:
@@ -303,14 +309,14 @@ def degrees_of_freedom(problem: Problem, squares: Floats) -> Floats:
     ndarray of float64, shape (s, k)
     """
     pairs = (squares[:, :, None] * squares[:, None, :]).reshape(len(squares), -1)
-    scatter = pairs @ problem.cross / (problem.record * problem.share)
+    scatter = pairs @ problem.scatter
     total = squares @ problem.basis
     if problem.ramp is not None:
         ramp = squares[:, [problem.ramp]] * problem.basis[problem.ramp]
-        scatter = scatter + 4.0 * ramp * (total - ramp) * ramp_leverage(problem)
-    degrees = 2.0 * total**2 / np.maximum(scatter, 1e-12 * total**2 + TINY)
-    result: Floats = np.maximum(degrees, 0.5)
-    return result
+        scatter += ramp * (total - ramp) * (4.0 * ramp_leverage(problem))
+    power = total**2
+    degrees = 2.0 * power / np.maximum(scatter, 1e-12 * power + TINY)
+    return np.maximum(degrees, 0.5, out=degrees)
 
 
 def ramp_leverage(problem: Problem) -> Floats:

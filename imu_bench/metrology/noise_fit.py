@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from imu_bench.metrology import coefficients
+from imu_bench.metrology.coefficients import CurveFits
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import CONFIDENCE
-from imu_bench.metrology.noise_model import NoiseModel, TERMS
+from imu_bench.metrology.fit_range import Range
+from imu_bench.metrology.noise_model import NoiseModel
 
 DOUBTFUL = 1.5
 """Mean squared residual of power laws that one of 50 records of such noise exceeds."""
@@ -56,19 +57,25 @@ def fitted(curve: DeviationCurve, confidence: float = CONFIDENCE) -> NoiseModel:
     >>> fitted(allan.deviation(x, 100.0)).terms
     'N'
     """
-    powers = coefficients.fit(curve, confidence=confidence)
+    fits = CurveFits(curve, confidence)
+    if fits.none is not None:
+        return fits.none
+    powers = fits.powers
     if powers.chi2 <= DOUBTFUL and not _odd(powers, curve):
-        return powers
-    whole = coefficients.fit(curve, confidence=confidence, terms=TERMS + 'G')
+        return fits.model(powers)
+    chosen = fits.with_process
+    if chosen is None or not chosen.described:
+        return fits.model(powers)
+    # a curve described from an earlier start on is described better at the same residual
+    better = 1.0 if chosen.problem.tau[0] < powers.problem.tau[0] else BETTER
+    if chosen.chi2 * better > powers.chi2:
+        return fits.model(powers)
+    whole = fits.model(chosen)
     process = whole.gauss_markov
     if process is None or process.T_c.value is None:
-        return powers
-    # a curve described from an earlier start on is described better at the same residual
-    better = 1.0 if whole.tau_low < powers.tau_low else BETTER
-    if whole.chi2 * better > powers.chi2:
-        return powers
+        return fits.model(powers)
     if process.T_c.value < SHORTEST * curve.period or not whole.N.observable:
-        return powers
+        return fits.model(powers)
     flag = (
         f'a Gauss-Markov process with T_c = {process.T_c.value:.2g} s is part of the fit: without '
         f'it the noise terms leave {powers.chi2 / whole.chi2:.2g} times the residual'
@@ -76,7 +83,9 @@ def fitted(curve: DeviationCurve, confidence: float = CONFIDENCE) -> NoiseModel:
     return replace(whole, flags=(*whole.flags, flag))
 
 
-def _odd(powers: NoiseModel, curve: DeviationCurve) -> bool:
+def _odd(powers: Range, curve: DeviationCurve) -> bool:
     """Return whether a start that no filter explains may be the fault of the slower noise."""
-    left_out = powers.tau_low > curve.tau[0]
-    return powers.low_pass is not None and left_out and any(t in powers.fitted for t in 'BKR')
+    problem, best = powers.problem, powers.solutions.masks[powers.solutions.likeliest]
+    left_out = problem.tau[0] > curve.tau[0]
+    slower = any(on for t, on in zip(problem.terms, best, strict=True) if t in 'BKR')
+    return problem.low_pass is not None and bool(left_out) and slower

@@ -34,20 +34,20 @@ TERM_NAMES = {
 }
 
 FLICKER_FLOOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
-"""Deviation of flicker noise over B, 0.664: IEEE Std 952-1997 annex C.1.3."""
+"""Deviation of flicker noise over B, 0.664: IEEE Std 952-1997 annex C."""
 
 GM_PEAK = 0.437
-"""Highest deviation of a Gauss-Markov process over q_c √T_c: IEEE Std 952-1997 annex C.1.6."""
+"""Highest deviation of a Gauss-Markov process over q_c √T_c: IEEE Std 952-1997 annex C."""
 
 GM_PEAK_TAU = 1.89
-"""Averaging time of that highest deviation over T_c: IEEE Std 952-1997 annex C.1.6."""
+"""Averaging time of that highest deviation over T_c: IEEE Std 952-1997 annex C."""
 
 
 def variance_basis(tau: npt.ArrayLike, terms: str = TERMS) -> Floats:
     """
     Return the Allan variance of each noise term whose coefficient is one.
 
-    IEEE Std 952-1997 annex C.1: 3/τ² (Q), 1/τ (N), 2 ln 2/π (B), τ/3 (K), τ²/2 (R).
+    IEEE Std 952-1997 annex C: 3/τ² (Q), 1/τ (N), 2 ln 2/π (B), τ/3 (K), τ²/2 (R).
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def gauss_markov_variance(tau: npt.ArrayLike, correlation_time: float) -> Floats
     """
     Return the Allan variance of a first-order Gauss-Markov process with q_c = 1.
 
-    IEEE Std 952-1997 equation (C.18), as in Shabulinzenze 2020 (Tampere University MSc thesis)
+    IEEE Std 952-1997 annex C, as in Shabulinzenze 2020 (Tampere University MSc thesis)
     equation 3.20: T_c²/τ · (1 − T_c/2τ · (3 − 4 e^(−τ/T_c) + e^(−2τ/T_c))).  Below τ = T_c/100
     its series T_c (x/3 − x²/4 + 7x³/60), x = τ/T_c, is used: the closed form cancels there.
 
@@ -114,7 +114,7 @@ def density_basis(frequency: npt.ArrayLike, period: float, terms: str = TERMS) -
     """
     Return the one-sided power spectral density of each term whose coefficient is one.
 
-    IEEE Std 952-1997 annex C.1 gives them two-sided; one-sided is twice that.  White: 2 N².
+    IEEE Std 952-1997 annex C gives them two-sided; one-sided is twice that.  White: 2 N².
     Flicker: B²/(π f).  Random walk: 2 K²/(2πf)².  Quantisation of rate sampled every τ0:
     8 Q²/τ0 · sin²(πfτ0).  The ramp is deterministic and has no density (zero).
 
@@ -151,7 +151,7 @@ def gauss_markov_density(frequency: npt.ArrayLike, correlation_time: float) -> F
     """
     Return the one-sided density of a first-order Gauss-Markov process with q_c = 1.
 
-    Twice IEEE Std 952-1997 equation (C.17): 2 T_c²/(1 + (2πfT_c)²).
+    Twice the two-sided density of IEEE Std 952-1997 annex C: 2 T_c²/(1 + (2πfT_c)²).
     """
     f = np.asarray(frequency, dtype=np.float64)
     result: Floats = 2.0 * correlation_time**2 / (1.0 + (2.0 * np.pi * f * correlation_time) ** 2)

@@ -194,7 +194,7 @@ def normality(data: npt.ArrayLike, confidence: float = CONFIDENCE) -> Normality:
     samples do not count as independent ones.  The p value adds the squares of
     skewness and kurtosis over their standard errors, chi-squared with two
     degrees of freedom (as C. M. Jarque and A. K. Bera 1987, Int. Stat. Rev.
-    55:163, eq. 3, whose errors hold for independent samples; they are the lower limit here).
+    55:163, whose errors hold for independent samples; they are the lower limit here).
     The distance is taken between the codes of quantised data.
 
     Raises
@@ -304,7 +304,7 @@ def _distance(counts: Floats, grid: Floats, confidence: float) -> Estimate:
         levels = np.searchsorted(cumulative, np.linspace(0.1, 0.9, 9))
         error = max(error, *(error_of_mean(own[:, level])[0] for level in levels))
     # quantile of D for a normal with fitted mean and sigma: H. W. Lilliefors 1967, J. Am.
-    # Stat. Assoc. 62:399, table 1, limits for large n
+    # Stat. Assoc. 62:399, for large n
     quantile = float(np.interp(confidence, (0.80, 0.85, 0.90, 0.95, 0.99), LILLIEFORS))
     reach = quantile * 2.0 * error
     return Estimate(value, max(value - reach, 0.0), min(value + reach, 1.0), '1', confidence)

@@ -319,13 +319,14 @@ class RollingAnalysis:
         sums = self._sums.total(start, counted)[some] * period_s**2
         lengths = runs[:, 1] - runs[:, 0]
         terms = np.maximum(lengths[:, None] - 2 * m, 0).sum(axis=0)
+        stretches = noise_type.Stretches(runs)
         curves: list[DeviationCurve | None] = []
         for axis, unit in enumerate(self._units):
             if not self._intake.measured[axis]:
                 curves.append(None)
                 continue
             phase = ring.phase[axis, start - ring.first : ring.end - ring.first + 1]
-            alpha = noise_type.identify(phase, m, runs)
+            alpha = noise_type.identify_within(stretches, phase, m)
             curves.append(
                 curve_from_sums(
                     m, sums[:, axis], terms, period_s, ring.end - start, span, unit,

@@ -73,16 +73,17 @@ def scored(
         The squares θ, zero outside each subset; not clipped, so that a negative one shows.
     """
     count, terms = masks.shape
-    products = (basis[:, None, :] * basis[None, :, :]).reshape(terms * terms, -1).T
+    products = (basis[:, None, :] * basis[None, :, :]).reshape(terms * terms, -1)
+    sums = np.vstack([products, basis * data]).T
     both = masks[:, :, None] & masks[:, None, :]
     diagonal = np.arange(terms)
     model = np.broadcast_to(data, (count, data.size))
     degrees = np.broadcast_to(first, model.shape)
     raw = np.zeros((count, terms))
     for _ in range(_PASSES):
-        weights = degrees / model**2
-        normal = (weights @ products).reshape(count, terms, terms)
-        right = (weights * data) @ basis.T
+        both_sides = (degrees / model**2) @ sums
+        normal = both_sides[:, :-terms].reshape(count, terms, terms)
+        right = both_sides[:, -terms:]
         scale = 1.0 / np.sqrt(normal[:, diagonal, diagonal])
         normal = np.where(both, normal * scale[:, :, None] * scale[:, None, :], 0.0)
         # terms outside a subset keep an equation of their own, x = 0; a small ridge keeps

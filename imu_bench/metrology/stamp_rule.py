@@ -101,7 +101,8 @@ def _burst_period(stretches: list[Integers], period: float) -> float:
         if ends.size > lag:
             late, early = ends[lag:], ends[:-lag]
             found.append((stretch[late] - stretch[early]) / (late - early))
-    return float(np.median(np.concatenate(found))) if found else period
+    usual = float(np.median(np.concatenate(found))) if found else 0.0
+    return usual if usual > 0.0 else period  # stamps may step back as far as they advance
 
 
 def _step_of(stamps: Integers, period: float) -> int:

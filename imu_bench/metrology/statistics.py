@@ -193,6 +193,8 @@ def resolution(data: npt.ArrayLike) -> float:
         return 0.0
     steps = np.diff(codes)
     step = float(np.median(steps[steps < 1.5 * steps.min()]))
+    if float(steps.max()) > 2.0**53 * step:
+        return 0.0  # rounding, or a number that is almost zero
     # a float that went through text or another unit is off by rounding
     off = np.abs(steps / step - np.rint(steps / step))
     return step if float(np.mean(off < 0.1)) > 0.95 else 0.0

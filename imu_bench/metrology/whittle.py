@@ -51,8 +51,8 @@ FIRST = 2
 
 HANN_SPREAD = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 """
-Ordinates of a Hann-tapered periodogram per independent one: squared correlations of neighbours
-are (2/3)² and (1/6)² (Harris, Proc. IEEE 66 (1978) 51, section IV.B).
+Ordinates of a Hann-tapered periodogram per independent one.  The taper mixes three neighbours
+with −1/4, 1/2 and −1/4, so ordinates one and two apart correlate by 2/3 and 1/6.
 """
 
 LINE = 20.0

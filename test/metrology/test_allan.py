@@ -7,7 +7,7 @@ import warnings
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from imu_bench.errors import DataError, UnitError
-from imu_bench.metrology import allan, allan_kernels
+from imu_bench.metrology import allan, allan_kernels, blockwise, integral
 import numpy as np
 import pytest
 
@@ -54,7 +54,7 @@ def test_constant_rate_has_no_deviation(kind, value, n, rate):
 @settings(max_examples=20, deadline=None)
 @given(slope=st.floats(1e-6, 1e6), n=records, rate=rates)
 def test_ramp(kind, slope, n, rate):
-    """A rate that grows by `slope` per second: slope * tau / sqrt(2) (IEEE Std 952, C.1.4)."""
+    """A rate that grows by `slope` per second: slope * tau / sqrt(2) (IEEE Std 952, annex C)."""
     # the reflected ends of the total deviation are no ramp; without averaging they do not count
     tau = [1.0 / rate] if kind == 'totdev' else 'octave'
     curve = allan.deviation(slope * np.arange(n) / rate, rate, kind=kind, tau=tau)
@@ -338,8 +338,8 @@ def test_decimated_with_gaps():
 
 @pytest.mark.slow
 def test_threads_change_nothing(monkeypatch):
-    monkeypatch.setattr(allan_kernels, 'BLOCK', 1 << 12)
-    monkeypatch.setattr(allan_kernels, '_WORTH_THREADS', 0)
+    monkeypatch.setattr(blockwise, 'BLOCK', 1 << 12)
+    monkeypatch.setattr(blockwise, '_WORTH_THREADS', 0)
     data = noise(25, 100_000) + 9.81
     for overlap in ('full', 'decimated'):
         one = allan.deviation(data, 10.0, overlap=overlap, threads=1)
@@ -352,8 +352,7 @@ def test_threads_change_nothing(monkeypatch):
 def test_blocks_change_nothing_but_rounding(kind, monkeypatch):
     data = noise(26, 5000)
     whole = allan.deviation(data, 10.0, kind=kind)
-    monkeypatch.setattr(allan_kernels, 'BLOCK', 1 << 9)
-    monkeypatch.setattr('imu_bench.metrology.allan_family.BLOCK', 1 << 9)
+    monkeypatch.setattr(blockwise, 'BLOCK', 1 << 9)
     pieces = allan.deviation(data, 10.0, kind=kind)
     np.testing.assert_allclose(pieces.deviation, whole.deviation, rtol=1e-12)
 
@@ -378,7 +377,7 @@ def test_curve_from_sums_is_the_batch_curve():
     valid[1200:1210] = False
     rate = 100.0
     batch = allan.deviation(data, rate, valid=valid, overlap='full', unit='m/s²')
-    phase = allan_kernels.cumulate(data - 3.0, valid) / rate + 77.0
+    phase = integral.cumulate(data - 3.0, valid) / rate + 77.0
     runs = allan_kernels.complete_runs(valid) + np.array([0, 1])
     sums, terms = allan_kernels.second_difference_sums(phase, batch.m, runs)
     curve = allan.curve_from_sums(

@@ -27,7 +27,7 @@ M = np.array([1, 2, 4, 8, 16, 32, 100, 316, 1000, 3162, 10_000])
 
 @pytest.mark.parametrize('term', 'QNBK')
 def test_variance_and_density_of_a_term_are_a_pair(term):
-    """σ²(τ) = ∫ S H df, IEEE Std 952-1997 equation (C.2), S one-sided and H as sampled."""
+    """σ²(τ) = ∫ S H df, IEEE Std 952-1997 annex C, S one-sided and H as sampled."""
     seen = transfer(M, 0.01)
     variance = density_basis(seen.frequency, 0.01, term)[0] * seen.power @ seen.width
     # flicker and random walk near the sample period depend on how the sensor samples; the

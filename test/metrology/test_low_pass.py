@@ -44,7 +44,7 @@ def test_the_gain_is_that_of_the_filter(order, share):
 
 
 def test_a_slow_first_order_filter_is_the_continuous_one():
-    """T/2τ (3 − 4 e^(−τ/T) + e^(−2τ/T)) with T = 1/(2π f_c), IEEE Std 952-1997 (C.18)."""
+    """T/2τ (3 − 4 e^(−τ/T) + e^(−2τ/T)) with T = 1/(2π f_c), IEEE Std 952-1997 annex C."""
     filtered, time = low_pass(1e-3, 1), 1.0 / (2.0 * math.pi * 1e-3)
     m = np.array([30.0, 100.0, 300.0, 1e3, 1e4])
     expected = time / (2.0 * m) * (3.0 - 4.0 * np.exp(-m / time) + np.exp(-2.0 * m / time))
