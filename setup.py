@@ -66,6 +66,7 @@ setup(
             'import-linter>=2.1',
             'types-PyYAML',
             'allantools==2024.6',
+            'distributed>=2024.1',
             'mcap-ros2-support>=0.5',
             'cyclonedds==11.0.1',
             'colcon-common-extensions',

@@ -96,12 +96,12 @@ class Template:
 
 class ImuTemplate(Template):
     """
-    Serialises blocks of sensor_msgs/Imu of a sensor that gives no orientation.
+    Serialises blocks of sensor_msgs/Imu.
 
     Parameters
     ----------
     frame_id : str
-    acceleration_covariance, angular_velocity_covariance : sequence of 9 float
+    acceleration_covariance, angular_velocity_covariance, orientation_covariance : 9 float each
         By `msg_conversions.covariance`; NOT_REPORTED for a quantity the sensor does not have.
 
     Examples
@@ -118,11 +118,12 @@ class ImuTemplate(Template):
         *,
         acceleration_covariance: Sequence[float] = covariance.NOT_REPORTED,
         angular_velocity_covariance: Sequence[float] = covariance.NOT_REPORTED,
+        orientation_covariance: Sequence[float] = covariance.NOT_REPORTED,
     ) -> None:
         constant = np.zeros(IMU)
         # a quaternion is a rotation also where nobody reports it
         constant[IMU_ORIENTATION] = (0.0, 0.0, 0.0, 1.0)
-        constant[IMU_ORIENTATION_COVARIANCE] = covariance.NOT_REPORTED
+        constant[IMU_ORIENTATION_COVARIANCE] = orientation_covariance
         constant[IMU_ANGULAR_VELOCITY_COVARIANCE] = angular_velocity_covariance
         constant[IMU_LINEAR_ACCELERATION_COVARIANCE] = acceleration_covariance
         super().__init__(frame_id, constant)
@@ -132,6 +133,7 @@ class ImuTemplate(Template):
         stamps_ns: npt.ArrayLike,
         acceleration: npt.ArrayLike | None = None,
         angular_velocity: npt.ArrayLike | None = None,
+        orientation: npt.ArrayLike | None = None,
     ) -> list[bytes]:
         """
         Return one serialised sensor_msgs/Imu per stamp.
@@ -143,13 +145,16 @@ class ImuTemplate(Template):
             In m/s²; zeros where None.
         angular_velocity : array_like of float64, shape (n, 3), optional
             In rad/s; zeros where None.
+        orientation : array_like of float64, shape (n, 4), optional
+            x, y, z, w; no rotation where None.
 
         Raises
         ------
         ValueError
             If a stamp does not fit the message.
         """
-        return self.encode(stamps_ns, *self._imu(acceleration, angular_velocity))
+        columns = self._imu(acceleration, angular_velocity)
+        return self.encode(stamps_ns, *columns, (IMU_ORIENTATION, orientation))
 
     def imu_rows(
         self,

@@ -13,7 +13,7 @@ from typing import TypeVar
 Job = TypeVar('Job')
 Answer = TypeVar('Answer')
 
-THREADS = 3
+THREADS = 2
 """More do not help: somebody has to use what they bring."""
 
 

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from imu_bench.offline.failure import Failure
     from imu_bench.offline.results import Analysis, RecordingResult
     from imu_bench.offline.settings import Settings
-    from imu_bench.offline.workers import Workers
 
 _DESCRIPTION = """\
 Reads ROS 2 bags, ROS 1 bags, text files and arrays of NumPy and MATLAB, checks the health of
@@ -31,7 +30,7 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         'analyze', help='health and noise metrics of recordings', description=_DESCRIPTION
     )
     parser.add_argument(
-        'inputs', nargs='+', metavar='INPUT', help='bag, CSV, or a folder with some'
+        'inputs', nargs='+', metavar='INPUT', help='bag, text file, arrays, or a folder of them'
     )
     parser.add_argument(
         '--topic', action='append', default=[], metavar='T', help='only this topic (repeatable)'
@@ -123,8 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
         return planning.run(arguments, paths, options, settings, failures)
     with running.workers(arguments, paths) as workers:
         results = running.analyse(arguments, paths, options, settings, workers, failures)
-        sensors = joined(results, arguments.pair)
-        return _present(sensors, failures, settings, arguments, workers)
+    return _present(joined(results, arguments.pair), failures, settings, arguments)
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
@@ -142,7 +140,6 @@ def _present(
     failures: Sequence[Failure],
     settings: Settings,
     arguments: argparse.Namespace,
-    workers: Workers,
 ) -> int:
     """Show and write the results; return the exit code."""
     from imu_bench.cli import table
@@ -159,7 +156,7 @@ def _present(
         tuple(found), tuple(failures), settings.to_json() | asked, compared.to_json()
     )
     table.show(analysis, compared, si=arguments.si)
-    _write(analysis, arguments, workers)
+    _write(analysis, arguments)
     severe = any(recording.health.severity == 'severe' for recording in found)
     if arguments.strict and severe:
         complain('a recording has severe findings (--strict)')
@@ -179,14 +176,14 @@ def _recordings(path: str, failures: list[Failure]) -> Sequence[Path]:
         return ()
 
 
-def _write(analysis: Analysis, arguments: argparse.Namespace, workers: Workers) -> None:
+def _write(analysis: Analysis, arguments: argparse.Namespace) -> None:
     from imu_bench.offline import report, results
 
     if arguments.json is not None:
         results.write(analysis, arguments.json)
         print(f'wrote {arguments.json}')
     if arguments.html is not None:
-        report.write(analysis, arguments.html, workers)
+        report.write(analysis, arguments.html)
         print(f'wrote {arguments.html}')
     if arguments.figures is not None:
         from imu_bench.offline.figure_files.write import write as write_figures

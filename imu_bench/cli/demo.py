@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from imu_bench.nodes.bench_monitor import BenchMonitor
     from imu_bench.nodes.processes import BenchProcesses
 
+BENCH, FAULTY_BENCH = 'machine_vibration', 'faults'
+DURATION_S = 60.0
+AFTER_FAULTS_S = 6.0
+"""So long the demo goes on behind its last fault."""
+
 UP_WITHIN_S = 60.0
 """How long the nodes may take to come up; a busy two-core machine needs some 20 s."""
 
@@ -27,11 +32,16 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         'demo', help='run a bench of emulated sensors under ROS 2, record it, analyse it'
     )
     parser.add_argument(
-        'bench', nargs='?', default='machine_vibration', help='a bench of config/benches or a YAML'
+        'bench', nargs='?', help=f'a bench of config/benches or a YAML (default {BENCH})'
     )
     parser.add_argument(
-        '--duration', type=_seconds, default=60.0, metavar='S', help='seconds (default 60)'
+        '--duration', type=_seconds, metavar='S', help=f'seconds (default {DURATION_S:g})'
     )
+    parser.add_argument(
+        '--faults', action='store_true',
+        help='let the wires fail as the bench has it scripted (default bench: '
+        f'{FAULTY_BENCH}); 1 if a sensor does not recover by itself',
+    )  # fmt: skip
     parser.add_argument(
         '-o', '--output', type=Path, metavar='DIR', help='where to write (default demo_<time>)'
     )
@@ -39,7 +49,11 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the demo; return 0 when every sensor gave data and the analysis succeeded."""
+    """
+    Run the demo; return 0 when every sensor gave data and the analysis succeeded.
+
+    With faults every one of them has to be recovered from, too.
+    """
     from imu_bench.bench import load_bench
     from imu_bench.config.location import config_file
     from imu_bench.nodes.spinning import INSTALL
@@ -48,20 +62,40 @@ def run(args: argparse.Namespace) -> int:
         import rclpy  # noqa: F401  (late: it may be missing)
     except ModuleNotFoundError as error:
         raise NotReady(INSTALL) from error
-    name = args.bench if args.bench.endswith('.yaml') else f'benches/{args.bench}.yaml'
+    chosen = args.bench or (FAULTY_BENCH if args.faults else BENCH)
+    name = chosen if chosen.endswith('.yaml') else f'benches/{chosen}.yaml'
     bench = load_bench(config_file(name))
+    duration_s = args.duration or (_faults_over_s(bench) if args.faults else DURATION_S)
     folder = _new_folder(args.output)
     environment = _environment(folder)
-    print(
-        f'{bench.title or bench.name}: {len(bench.sensors)} emulated sensors, {args.duration:g} s'
-    )
+    print(f'{bench.title or bench.name}: {len(bench.sensors)} emulated sensors, {duration_s:g} s')
     print(
         f'on ROS_DOMAIN_ID={environment["ROS_DOMAIN_ID"]}, this machine only; '
         f'recording into {folder}/bag'
     )
-    monitor = _live(bench, folder, environment, args.duration)
-    silent = _verdicts(monitor)
-    return max(_analyse(folder), silent)
+    monitor = _live(bench, folder, environment, duration_s, args.faults)
+    failed = _verdicts(monitor)
+    if args.faults:
+        from imu_bench.cli.fault_lines import show_faults, show_gaps
+
+        failed = max(show_faults(monitor.sensors), failed)
+    code = _analyse(folder)
+    if args.faults and code == 0:
+        show_gaps(folder / 'results.json', monitor.sensors)
+    return max(code, failed)
+
+
+def _faults_over_s(bench: BenchConfig) -> float:
+    """Return how long a bench takes for its faults, and to recover from the last one."""
+    from imu_bench.bench import faults_of
+
+    ends = [fault.over_s for sensor in bench.sensors for fault in faults_of(sensor)]
+    if not ends:
+        raise ConfigError(
+            f'{bench.name}: no fault is scripted in this bench; give simulation.faults to a '
+            f'sensor, like ["unplugged 10 2"], or leave the bench out for {FAULTY_BENCH!r}'
+        )
+    return max(ends) + AFTER_FAULTS_S
 
 
 def _seconds(text: str) -> float:
@@ -95,9 +129,14 @@ def _environment(folder: Path) -> dict[str, str]:
 
 
 def _live(
-    bench: BenchConfig, folder: Path, environment: dict[str, str], duration_s: float
+    bench: BenchConfig,
+    folder: Path,
+    environment: dict[str, str],
+    duration_s: float,
+    faults: bool = False,
 ) -> BenchMonitor:
     """Run the nodes for a while, whatever ends it; return what the monitor saw."""
+    from imu_bench.cli.fault_lines import FaultNews
     from imu_bench.cli.live import show
     from imu_bench.nodes.bench_monitor import BenchMonitor
     from imu_bench.nodes.processes import BenchProcesses
@@ -107,8 +146,9 @@ def _live(
     try:
         _start(bench, folder, processes)
         with BenchMonitor(sensors) as monitor:
+            news = FaultNews(monitor.sensors).lines if faults else tuple
             try:
-                show(monitor, processes, UP_WITHIN_S, duration_s)
+                show(monitor, processes, UP_WITHIN_S, duration_s, news)
             except KeyboardInterrupt:
                 print('stopping', file=sys.stderr)
             # while the monitor listens: a sensor says as it goes what it lost at last

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 import math
 import os
 import time
@@ -25,10 +26,22 @@ LINE_EVERY_S = float(os.environ.get('IMU_BENCH_LINE_EVERY_S', '10'))
 
 
 def show(
-    monitor: BenchMonitor, processes: BenchProcesses, up_within_s: float, duration_s: float
+    monitor: BenchMonitor,
+    processes: BenchProcesses,
+    up_within_s: float,
+    duration_s: float,
+    news: Callable[[], Iterable[str]] = tuple,
 ) -> None:
     """
     Show the bench until it has run for `duration_s` since the last sensor came up.
+
+    Parameters
+    ----------
+    monitor : BenchMonitor
+    processes : BenchProcesses
+    up_within_s, duration_s : float
+    news : callable, optional
+        Returns lines to print, each once.
 
     Raises
     ------
@@ -42,6 +55,8 @@ def show(
     with Live(console=console, refresh_per_second=4, transient=False) as live:
         while up is None or time.monotonic() - up < duration_s:
             _look_after(processes)
+            for line in news():
+                live.console.print(line, soft_wrap=True, markup=False, highlight=False)
             now = time.monotonic()
             if up is None and all(view.publishing for view in monitor.sensors.values()):
                 up = now

@@ -44,7 +44,10 @@ def run(
     with workers(arguments, paths) as team, Bar() as bar:
         order = Order(options, settings, kept(arguments, paths).columns)
         job = plan_runs.Job(paths, order, team, bar.phase, lambda found: complain(found.error))
-        result = plan_runs.run(plan, job)
+        try:
+            result = plan_runs.run(plan, job)
+        except plan_runs.NothingMeasured:
+            return FAULT  # why, has been said of each
     show(result)
     _write(result, arguments)
     severe = any(finding.severity == 'severe' for finding in result.findings)

@@ -112,9 +112,13 @@ def analyse(
     from imu_bench.offline.resume import Finished
 
     places = kept(arguments, paths)
-    order = Order(options, settings, places.columns)
+    columns = None if places.columns is None else places.columns.absolute()
+    order = Order(options, settings, columns)
     finished = Finished(places.results, order)
     outcomes: dict[int, Outcome] = {}
+    if team.apart:
+        # others work in folders of their own
+        paths = [path.absolute() for path in paths]
     for number, path in enumerate(paths):
         if (known := finished.get(path)) is not None:
             outcomes[number] = known

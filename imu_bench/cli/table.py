@@ -10,7 +10,7 @@ import sys
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.comparison import Comparison
-from imu_bench.offline.health import Finding, Health
+from imu_bench.offline.health import Finding
 from imu_bench.offline.notation import (
     count,
     duration,
@@ -32,6 +32,7 @@ PIPE_WIDTH = 200
 """Columns where the output is not a terminal: nobody wraps lines of a file."""
 
 _UNLIMITED = 10_000
+_THIN = '\u202f'  # between groups of digits
 _COLOURS = {'info': 'dim', 'warning': 'yellow', 'severe': 'bold red'}
 _TITLES = {'linear_acceleration': 'Acceleration', 'angular_velocity': 'Angular velocity'}
 
@@ -63,7 +64,7 @@ def show(
         _findings(recording, label, out)
     for quantity in IMU_QUANTITIES:
         rows = [
-            (label, recording.health, axis)
+            (label, recording.rate_of(axis.quantity), axis)
             for recording, label in zip(analysis.recordings, comparison.labels, strict=True)
             for axis in recording.of(quantity.name)
         ]
@@ -94,7 +95,7 @@ def finding(found: Finding) -> Text:
 
 
 def _quantity(
-    title: str, rows: Sequence[tuple[str, Health, AxisResult]], out: Console, si: bool
+    title: str, rows: Sequence[tuple[str, Estimate, AxisResult]], out: Console, si: bool
 ) -> None:
     axes = [axis for _, _, axis in rows]
     columns = [
@@ -119,7 +120,7 @@ def fits(table: Table, out: Console) -> bool:
 
 def _table(
     title: str,
-    rows: Sequence[tuple[str, Health, AxisResult]],
+    rows: Sequence[tuple[str, Estimate, AxisResult]],
     columns: Sequence[_Column],
     with_interval: bool,
 ) -> Table:
@@ -134,13 +135,13 @@ def _table(
         title = column.title if with_interval else column.title.replace(' ', '\n')
         table.add_column(Text(f'{title}\n{column.unit}'), justify='right', no_wrap=True)
     last = ''
-    for index, (label, health, axis) in enumerate(rows):
+    for index, (label, rate, axis) in enumerate(rows):
         first = label != last
         last = label
         table.add_row(
             Text(clean(label) if first else ''),
             axis.letter,
-            short(health.rate, 5) if first else '',
+            short(rate, 5) if first else '',
             *(
                 value_text(column.estimates[index])
                 if with_interval
@@ -153,7 +154,7 @@ def _table(
 
 def _stacked(
     title: str,
-    rows: Sequence[tuple[str, Health, AxisResult]],
+    rows: Sequence[tuple[str, Estimate, AxisResult]],
     columns: Sequence[_Column],
     out: Console,
 ) -> None:
@@ -167,4 +168,4 @@ def _stacked(
 
 def clean(words: str) -> str:
     """Return text from a recording without characters that would steer the terminal."""
-    return ''.join(c if c.isprintable() else f'\\x{ord(c):02x}' for c in words)
+    return ''.join(c if c.isprintable() or c == _THIN else f'\\x{ord(c):02x}' for c in words)

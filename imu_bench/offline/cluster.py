@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from types import TracebackType
 from typing import Any, TypeVar
 
-from imu_bench.errors import RecordingError
+from imu_bench.errors import BenchError, RecordingError
 
 Answer = TypeVar('Answer')
 
@@ -33,6 +33,8 @@ class Cluster:
         If dask.distributed is not installed, or the scheduler does not answer.
     """
 
+    apart = True
+
     def __init__(self, address: str) -> None:
         try:
             from distributed import Client
@@ -53,7 +55,9 @@ class Cluster:
 
     def submit(self, function: Callable[..., Answer], *arguments: Any) -> Future[Answer]:
         """Begin a piece of work somewhere."""
-        answer: Future[Answer] = self._executor.submit(function, *arguments)
+        answer: Future[Answer] = Future()
+        begun = self._executor.submit(function, *arguments)
+        begun.add_done_callback(lambda done: _pass_on(done, answer))
         return answer
 
     def __enter__(self) -> Cluster:
@@ -67,3 +71,15 @@ class Cluster:
     ) -> None:
         self._executor.shutdown(wait=False)
         self._client.close()
+
+
+def _pass_on(done: Future[Answer], answer: Future[Answer]) -> None:
+    if done.cancelled():
+        answer.cancel()
+    elif (problem := done.exception()) is None:
+        answer.set_result(done.result())
+    elif isinstance(problem, BenchError | OSError | MemoryError):
+        answer.set_exception(problem)
+    else:  # of the cluster: a worker died, or has another version
+        reason = ' '.join(str(problem).split()) or type(problem).__name__
+        answer.set_exception(RecordingError(f'the cluster could not do it: {reason}'))

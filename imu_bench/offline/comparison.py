@@ -281,8 +281,9 @@ def _judge(measured: Estimate, typical: float) -> str:
 
 
 def typical_of(recording: RecordingResult) -> dict[str, Typical]:
-    """Return the typical values of the sensor whose driver is named in the topic, if any."""
-    for part in recording.topic.split('/'):
-        if part in drivers.names():
+    """Return the typical values of the sensor whose driver topic or frame name, if any."""
+    known = drivers.names()
+    for part in (*recording.topic.split('/'), recording.frame_id.removesuffix('_link')):
+        if part in known:
             return dict(drivers.load(part).typical)
     return {}

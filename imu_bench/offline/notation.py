@@ -22,6 +22,7 @@ _UNITS: dict[str, dict[str, tuple[str, ...]]] = {
     'Q': {'m/s': ('mm/s', 'm/s'), 'rad': ('arcsec', '°')},
     'R': {'m/s³': ('mg/h',), 'rad/s²': ('°/h²',)},
 }
+_SMALLEST = -3  # exponent of what is written without a power of ten beside its uncertainty
 _SUPERSCRIPT = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 
 
@@ -59,7 +60,8 @@ def number(value: float, digits: int = 4) -> str:
     exponent = _exponent(value, digits)
     if -4 <= exponent < 7:
         return _fixed(value, digits - 1 - exponent)
-    return f'{_fixed(value / 10.0**exponent, digits - 1)}{_power(exponent)}'
+    mantissa = f'{value:.{digits - 1}e}'.partition('e')[0]  # dividing would not reach 1e-310
+    return f'{mantissa}{_power(exponent)}'
 
 
 def value_text(estimate: Estimate) -> str:
@@ -88,7 +90,7 @@ def value_text(estimate: Estimate) -> str:
     if min(down, up) < 0.6 * max(down, up):
         return _interval(value, low, high)
     scale = _exponent(max(abs(value), half), 2)
-    if -4 <= scale < 7:
+    if _SMALLEST <= scale < 7:
         decimals = 1 - _exponent(half, 2)
         return f'{_fixed(value, decimals)} ± {_fixed(half, decimals)}'
     factor = 10.0**scale
@@ -156,6 +158,7 @@ def duration(seconds: float) -> str:
         return f'{number(seconds * 1e3, 3)} ms'
     if seconds < 120.0:
         return f'{number(seconds, 3)} s'
+    seconds = round(seconds)
     for large, small, size, part in (('min', 's', 60, 1), ('h', 'min', 3600, 60)):
         if seconds < size * (60 if large == 'min' else 48):
             first, rest = divmod(round(seconds / part), size // part)
@@ -173,7 +176,19 @@ def count(things: int, name: str) -> str:
     >>> count(1, 'gap'), count(345, 'sample')
     ('1 gap', '345 samples')
     """
-    return f'{things:,}'.replace(',', '\u202f') + f' {name}{"" if things == 1 else "s"}'
+    return f'{grouped(things)} {name}{"" if things == 1 else "s"}'
+
+
+def grouped(things: int) -> str:
+    """
+    Return a whole number in groups of three digits.
+
+    Examples
+    --------
+    >>> grouped(2880028)
+    '2\u202f880\u202f028'
+    """
+    return f'{things:,}'.replace(',', '\u202f')
 
 
 def percent(share: float) -> str:
@@ -193,7 +208,7 @@ def percent(share: float) -> str:
 def _interval(value: float, low: float, high: float) -> str:
     step = min(abs(value - low) or math.inf, abs(high - value) or math.inf)
     scale = _exponent(max(abs(low), abs(high)), 2)
-    factor, suffix = (1.0, '') if -4 <= scale < 7 else (10.0**scale, _power(scale))
+    factor, suffix = (1.0, '') if _SMALLEST <= scale < 7 else (10.0**scale, _power(scale))
     decimals = 1 if math.isinf(step) else -_exponent(step / factor, 1)
     if value != 0.0:  # two digits at least, or 5.3 would read as 5
         decimals = max(decimals, 1 - _exponent(value / factor, 2))

@@ -145,7 +145,8 @@ def _together(accelerometer: RecordingResult, gyroscope: RecordingResult) -> Rec
         for axis in result.of(quantity.name)
     }
     topic = f'{accelerometer.topic} + {gyroscope.topic}'
-    return replace(gyroscope, topic=topic, health=health, axes=axes)
+    rates = {LINEAR_ACCELERATION.name: first.rate, ANGULAR_VELOCITY.name: second.rate}
+    return replace(gyroscope, topic=topic, health=health, axes=axes, rates=rates)
 
 
 def _named(results: Sequence[RecordingResult], name: str, quantity: Quantity) -> int:

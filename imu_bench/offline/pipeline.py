@@ -15,13 +15,13 @@ from typing import Any, TYPE_CHECKING
 from imu_bench.errors import BenchError, DataError, os_error_text
 from imu_bench.metrology import workspace
 from imu_bench.offline.failure import Failure
-from imu_bench.offline.mapped import locate, Shelf
+from imu_bench.offline.mapped import locate, release, Residency, Shelf
 from imu_bench.offline.pairing import halves
 from imu_bench.offline.recordings import ReadOptions, Recording
 from imu_bench.offline.recordings.cache import columns, Read
 from imu_bench.offline.recordings.loading import stored_bytes
 from imu_bench.offline.settings import Settings
-from imu_bench.offline.workers import answer, Here, Workers
+from imu_bench.offline.workers import answer, Here, killed, MAPPED_BYTES, Workers
 
 # The estimators are imported where they are used: while this process reads a recording, the
 # others import them, and this one when it has nothing else to do.
@@ -102,20 +102,49 @@ def analyse_files(
     idle : callable, optional
         Called when work has been handed out and there is time.
     """
-    side_by_side = [
+    whole = [
         number
         for number, path in enumerate(paths)
-        if len(paths) > 1 and workers.jobs > 1 and _bytes(path) < SMALL
+        if workers.apart or (len(paths) > 1 and workers.jobs > 1 and _bytes(path) < SMALL)
     ]
-    if side_by_side:
-        step = phase(f'analysing {len(side_by_side)} recordings')
-        futures = {workers.submit(analyse_file, paths[k], order): k for k in side_by_side}
-        idle()
-        for done, future in enumerate(as_completed(futures), 1):
-            told(futures[future], _outcome(paths[futures[future]], future))
-            step(done, len(futures))
-    for number in sorted(set(range(len(paths))) - set(side_by_side)):
+    again = _side_by_side(whole, paths, order, workers, told, phase, idle) if whole else []
+    for number in sorted({*range(len(paths))} - {*whole} | {*again}):
         told(number, analyse_file(paths[number], order, workers, phase, idle))
+
+
+def _side_by_side(
+    numbers: Sequence[int],
+    paths: Sequence[Path],
+    order: Order,
+    workers: Workers,
+    told: Callable[[int, Outcome], None],
+    phase: Phase,
+    idle: Idle,
+) -> list[int]:
+    """
+    Analyse recordings, each as a whole; return those to be tried again.
+
+    When a process is killed, nobody knows which of the recordings under way was to blame.
+    """
+    again = []
+    step = phase(f'analysing {len(numbers)} recordings')
+    task = _elsewhere if workers.apart else analyse_file
+    futures = {workers.submit(task, paths[number], order): number for number in numbers}
+    idle()
+    for done, future in enumerate(as_completed(futures), 1):
+        number = futures[future]
+        if killed(future):
+            again.append(number)
+        else:
+            told(number, _outcome(paths[number], future))
+        step(done, len(futures))
+    return again
+
+
+def _elsewhere(path: Path, order: Order) -> Outcome:
+    """Return what becomes of a recording, in a process that others have started."""
+    with Residency(MAPPED_BYTES):
+        return analyse_file(path, order)
 
 
 def analyse_file(
@@ -168,6 +197,7 @@ class _Run:
 
     def outcome(self, step: Callable[[int, int], None], idle: Idle) -> Outcome:
         """Do all of it."""
+        release()  # what was written is not needed here: others look at it
         if self._mapped:
             self._scratch = Path(mkdtemp(prefix='imu_bench_'))
         try:

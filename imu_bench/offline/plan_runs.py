@@ -22,6 +22,10 @@ from imu_bench.offline.workers import answer, Here, Workers
 Measured = TypeVar('Measured')
 
 
+class NothingMeasured(RecordingError):
+    """No recording could be measured; why, is told of each."""
+
+
 def unheard(failure: Failure) -> None:
     """Tell nobody of a failure; it is in the result."""
 
@@ -56,8 +60,10 @@ def run(plan: AnyPlan[Any], job: Job) -> PlanResult:
 
     Raises
     ------
+    NothingMeasured
+        If no recording could be measured.
     RecordingError
-        If no recording could be measured, or the plan misses something.
+        If the plan misses something.
     """
     failures: list[Failure] = []
 
@@ -69,7 +75,7 @@ def run(plan: AnyPlan[Any], job: Job) -> PlanResult:
     measured: Sequence[Any]
     measured = _measured(plan, heard) if isinstance(plan, Plan) else _analysed(heard)
     if not measured:
-        raise RecordingError(f'plan {plan.name}: none of the recordings could be measured')
+        raise NothingMeasured(f'plan {plan.name}: none of the recordings could be measured')
     result = plan.conclude(measured)
     asked = {**plan.stated(), 'reference': plan.reference, 'confidence': plan.confidence}
     return replace(

@@ -18,6 +18,7 @@ from typing import Any
 
 from imu_bench import __version__
 from imu_bench.errors import RecordingError
+from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.normality import Histogram
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.failure import Failure
@@ -45,6 +46,8 @@ class RecordingResult:
         By axis name.
     intervals : Histogram or None
         Of the intervals between samples; for the report, not in the JSON document.
+    rates : mapping of str to Estimate
+        True sample rate in Hz by quantity, where they differ: two streams that are one sensor.
     """
 
     source: str
@@ -56,6 +59,7 @@ class RecordingResult:
     health: Health
     axes: Mapping[str, AxisResult]
     intervals: Histogram | None = None
+    rates: Mapping[str, Estimate] = field(default_factory=dict)
 
     @property
     def where(self) -> str:
@@ -66,9 +70,13 @@ class RecordingResult:
         """Return the axes of one quantity, in the order x, y, z."""
         return [axis for axis in self.axes.values() if axis.quantity == quantity]
 
+    def rate_of(self, quantity: str) -> Estimate:
+        """Return the true sample rate of a quantity in Hz."""
+        return self.rates.get(quantity, self.health.rate)
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON object of one recording."""
-        return {
+        document: dict[str, Any] = {
             'source': self.source,
             'topic': self.topic,
             'frame_id': self.frame_id,
@@ -78,6 +86,9 @@ class RecordingResult:
             'health': self.health.to_json(),
             'axes': {name: axis.to_json() for name, axis in self.axes.items()},
         }
+        if self.rates:
+            document['rates'] = {name: rate.to_json() for name, rate in self.rates.items()}
+        return document
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> RecordingResult:
@@ -91,6 +102,7 @@ class RecordingResult:
             origin_ns=document['origin_ns'],
             health=Health.from_json(document['health']),
             axes={n: AxisResult.from_json(n, d) for n, d in document['axes'].items()},
+            rates={n: Estimate.from_json(d) for n, d in document.get('rates', {}).items()},
         )
 
 

@@ -28,7 +28,13 @@ Answer = TypeVar('Answer')
 MAPPED_BYTES = 96 << 20
 """Pages of mapped columns that one process may hold."""
 
-_PRELOADED = ('imu_bench.offline.analyse', 'imu_bench.offline.report', 'scipy.signal')
+MOST_JOBS = 6
+"""Processes if nobody says how many: each may take 150 MB, and 1 GB is to be enough."""
+
+_ALL_MAPPED_BYTES, _LEAST_MAPPED_BYTES = 320 << 20, 16 << 20
+"""What the processes together may hold, and what each needs to get on."""
+
+_PRELOADED = ('imu_bench.offline.analyse',)
 
 
 class Workers(Protocol):
@@ -36,6 +42,8 @@ class Workers(Protocol):
 
     jobs: int
     """How much is worked on at once."""
+    apart: bool
+    """Whether this happens on other machines, which had better read a recording themselves."""
 
     def submit(self, function: Callable[..., Answer], *arguments: Any) -> Future[Answer]:
         """Begin a piece of work."""
@@ -52,6 +60,7 @@ class Here:
     """
 
     jobs = 1
+    apart = False
 
     def submit(self, function: Callable[..., Answer], *arguments: Any) -> Future[Answer]:
         """Do a piece of work; what goes wrong is in its result."""
@@ -75,14 +84,21 @@ class Processes:
         Number of processes.
     """
 
+    apart = False
+
     def __init__(self, jobs: int) -> None:
         self.jobs = jobs
         self._others = set(multiprocessing.active_children())
-        self._pool = ProcessPoolExecutor(jobs, mp_context=_context(), initializer=_begin)
+        self._pool = _pool(jobs)
 
     def submit(self, function: Callable[..., Answer], *arguments: Any) -> Future[Answer]:
-        """Begin a piece of work in one of the processes."""
-        packed = self._pool.submit(_work, _packed((function, arguments)))
+        """Begin a piece of work in one of the processes; in new ones if one was killed."""
+        work = _packed((function, arguments))
+        try:
+            packed = self._pool.submit(_work, work)
+        except BrokenProcessPool:
+            self._pool = _pool(self.jobs)
+            packed = self._pool.submit(_work, work)
         answer: Future[Answer] = Future()
         packed.add_done_callback(lambda done: _unpack(done, answer))
         return answer
@@ -103,14 +119,20 @@ class Processes:
         if kind is not None:  # stopped: nobody waits for what is under way
             for process in set(multiprocessing.active_children()) - self._others:
                 process.terminate()
-        self._pool.shutdown(cancel_futures=True)
+        # they end while the results are shown; the interpreter waits for them when it ends
+        self._pool.shutdown(wait=False, cancel_futures=True)
 
 
 def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Return the number of cores to use: those this process may use, or fewer to save memory."""
     if hasattr(os, 'sched_getaffinity'):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+        return min(MOST_JOBS, len(os.sched_getaffinity(0)))
+    return min(MOST_JOBS, os.cpu_count() or 1)
+
+
+def killed(future: Future[Any]) -> bool:
+    """Return whether a process was killed, perhaps not the one that did this piece of work."""
+    return isinstance(future.exception(), BrokenProcessPool)
 
 
 def answer(future: Future[Answer]) -> Answer:
@@ -131,6 +153,11 @@ def answer(future: Future[Answer]) -> Answer:
         ) from problem
 
 
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    mapped = min(MAPPED_BYTES, max(_LEAST_MAPPED_BYTES, _ALL_MAPPED_BYTES // jobs))
+    return ProcessPoolExecutor(jobs, mp_context=_context(), initializer=_begin, initargs=(mapped,))
+
+
 def _context() -> BaseContext:
     methods = multiprocessing.get_all_start_methods()
     if 'forkserver' not in methods:
@@ -140,8 +167,8 @@ def _context() -> BaseContext:
     return context
 
 
-def _begin() -> None:
-    """Prepare a process."""
+def _begin(mapped: int) -> None:
+    """Prepare a process that may hold so many bytes of mapped columns."""
     gc.freeze()  # what was imported stays, and results hold no cycles to look for
     gc.set_threshold(100_000, 20, 100)
     # Ctrl-C is for the one who gave the work
@@ -149,7 +176,7 @@ def _begin() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-    Residency(MAPPED_BYTES).__enter__()
+    Residency(mapped).__enter__()
 
 
 def _end_with(sentinel: int) -> None:

@@ -36,3 +36,9 @@ def test_bad_input_is_one_line(imu_bench, write_csv, arguments, text):
     assert code == 1
     assert len(err.splitlines()) == 1
     assert text in err
+
+
+def test_a_recording_that_fails_is_one_line(imu_bench, write_csv):
+    code, _, err = imu_bench('analyze', '--plan', 'inclination', write_csv())
+    assert code == 1
+    assert len(err.splitlines()) == 1

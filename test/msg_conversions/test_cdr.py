@@ -102,6 +102,20 @@ def test_template_gives_the_bytes_of_rclpy(frame_id):
     assert deserialize_message(ours[0], sensor_msgs.msg.Imu) == message
 
 
+def test_an_orientation_has_the_bytes_of_rclpy():
+    message = sensor_msgs.msg.Imu()
+    message.header.frame_id = 'imu'
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(T0, 10**9)
+    message.orientation_covariance = covariance.diagonal(0.01)
+    message.angular_velocity_covariance[0] = -1.0
+    message.linear_acceleration_covariance[0] = -1.0
+    q = message.orientation
+    q.x, q.y, q.z, q.w = -0.5, 0.5, 0.1, 0.7
+    template = ImuTemplate('imu', orientation_covariance=covariance.diagonal(0.01))
+    ours = template.encode_imu([T0], orientation=[[-0.5, 0.5, 0.1, 0.7]])
+    assert ours == [rclpy_bytes(message, 37)]
+
+
 def test_magnetic_field_and_temperature_have_the_bytes_of_rclpy():
     field = sensor_msgs.msg.MagneticField()
     field.header.frame_id, field.header.stamp.sec = 'mag', 7

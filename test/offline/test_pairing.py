@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import json
 
 from imu_bench.errors import RecordingError
 from imu_bench.offline.analyse import analyse
 from imu_bench.offline.notation import rate_text
 from imu_bench.offline.pairing import halves, joined
+from imu_bench.offline.results import RecordingResult
 from imu_bench.offline.settings import Settings
 import numpy as np
 import pytest
@@ -37,6 +39,10 @@ def test_two_topics_are_one_sensor_and_it_is_said(streams):
     assert len(one.axes) == 6
     for name, rate in (('linear_acceleration.x', 63), ('angular_velocity.x', 200)):
         assert one.axes[name].allan.tau[0] == pytest.approx(1 / rate, rel=1e-6)
+    assert one.rate_of('linear_acceleration').value == pytest.approx(63, rel=1e-3)
+    assert one.rate_of('angular_velocity').value == pytest.approx(200, rel=1e-3)
+    again = RecordingResult.from_json(json.loads(json.dumps(one.to_json())))
+    assert again.rates == one.rates
     [told] = [f for f in one.health.findings if f.code == 'paired']
     first, second = (result.health.rate for result in measured(streams))
     expected = (

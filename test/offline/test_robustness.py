@@ -8,7 +8,8 @@ import tempfile
 from imu_bench.bags.compression import compress
 from imu_bench.errors import RecordingError
 from imu_bench.offline.analyse import analyse
-from imu_bench.offline.recordings import load, open_source
+from imu_bench.offline.notation import number
+from imu_bench.offline.recordings import load, open_source, ReadOptions
 from imu_bench.offline.settings import Settings
 import numpy as np
 import pytest
@@ -69,9 +70,11 @@ def test_numbers_whose_squares_vanish_are_zero(analysed, value):
     def change(rows):
         rows[::2, 4] = value
         rows[1::2, 4] = 0.0
+        rows[7, 4], rows[9, 4] = np.nan, 1e300
 
     result = analysed(change)
     [finding] = [f for f in result.health.findings if f.code == 'constant']
+    assert result.health.left_out == 2
     assert finding.text == 'angular_velocity.x is constant at zero.'
 
 
@@ -93,3 +96,51 @@ def test_a_damaged_compressed_bag_leaves_nothing_behind_and_is_named(tmp_path, m
         with pytest.raises(RecordingError, match=r'/bag/bag\.db3\.zstd: '):
             open_source(bag)
         assert not list(scratch.iterdir())
+
+
+def test_stamps_that_hardly_advance_have_no_rate(analysed):
+    """Two values, and once back from the second to the first: the usual step is none."""
+
+    def change(rows):
+        rows[:, 0] = 1.7e9
+        rows[130:140, 0] = rows[142:, 0] = 1.7e9 + 1e-6
+
+    rate = analysed(change).health.rate
+    assert not rate.observable
+    assert rate.reason
+
+
+def test_stamps_that_span_centuries_are_refused(tmp_path):
+    """Their differences do not fit 64 bits."""
+    stamps = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(N)
+    stamps[7] = -7_521_857_769_029_238_774
+    np.savez(tmp_path / 'a.npz', t_ns=stamps, gyro=np.random.default_rng(1).normal(size=(N, 3)))
+    options = ReadOptions(units='angular_velocity=rad/s')
+    with (
+        open_source(tmp_path / 'a.npz', options) as source,
+        pytest.raises(RecordingError, match='the stamps go from -7521857769029238774 to 17000'),
+    ):
+        load(source, source.select()[0])
+
+
+def test_one_tiny_number_among_few_levels_is_no_resolution(analysed):
+    """Ten levels, and once a number so near to one of them that it cannot be a step."""
+
+    def change(rows):
+        rows[:, 4] = np.arange(N) % 10 - 5
+        rows[7, 4] = 1e-50
+
+    assert 'angular_velocity.x' not in analysed(change).health.resolution
+
+
+@pytest.mark.parametrize('value', [5e-324, 1e-310, -1e-305])
+def test_numbers_near_the_smallest_there_are(analysed, value):
+    """One axis saturated at such a number, which then is to be written."""
+
+    def change(rows):
+        rows[:, 4] = np.abs(rows[:, 4])
+        rows[::4, 4] = value
+
+    result = analysed(change)
+    assert result.axes['angular_velocity.x'].statistics['minimum'].value == 0.0
+    assert number(value)

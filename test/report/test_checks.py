@@ -56,17 +56,18 @@ def test_the_drift_is_a_table_and_a_verdict(axes):
     assert checks_text.drift_table(axes[2:]) is None
 
 
-def test_a_change_is_said_and_drawn(axes, result):
+def test_a_change_is_said_and_drawn(axes, result, read_by_bokeh):
     words = checks_text.steadiness_words(axes)
     assert any(line.startswith('y: ') and 'differs by a factor of 1.6' in line for line in words)
     figure = checks_figures.noise_over_time(axes, result)
-    assert figure.yaxis[0].axis_label == 'noise in %'
-    assert len(figure.legend[0].items) == 3
+    read = read_by_bokeh(figure)
+    assert read.yaxis[0].axis_label == 'noise in %'
+    assert len(read.legend[0].items) == 3
 
 
-def test_the_tracked_bias_is_drawn_over_its_average(axes, result):
+def test_the_tracked_bias_is_drawn_over_its_average(axes, result, read_by_bokeh):
     figure = checks_figures.tracked_bias(axes, result)
-    labels = [item.label.value for item in figure.legend[0].items]
+    labels = [item.label.value for item in read_by_bokeh(figure).legend[0].items]
     assert labels == ['x', 'average']
 
 

@@ -9,7 +9,7 @@ import json
 
 from imu_bench import __version__
 from imu_bench.offline.exports.numbers import Number, Numbers
-from imu_bench.offline.notation import duration
+from imu_bench.offline.notation import duration, rate_text
 from imu_bench.offline.results import RecordingResult
 from imu_bench.samples import AXES
 
@@ -48,6 +48,7 @@ def lines(numbers: Numbers, title: str, *conventions: str) -> list[str]:
         f'{title}: {kind} values, written by imu-bench {__version__}',
         f'from {plain(recording.source)}, topic {plain(recording.topic)}',
         f'{_date(recording.start_ns)}{length}',
+        *(f'{name}: sampled at {rate_text(rate)}' for name, rate in recording.rates.items()),
         *conventions,
     ]
     severe = sorted({f.code for f in health.findings if f.severity == 'severe'})

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 import hashlib
 import json
 import os
@@ -110,8 +110,9 @@ def fingerprint(path: Path, options: ReadOptions, *more: object) -> str:
 
     Names, sizes, times and both ends of its files are looked at, not all of their bytes.
     """
+    asked = asdict(replace(options, join=()))  # the files of this recording follow below
     known = hashlib.sha256()
-    known.update(json.dumps([SCHEMA, __version__, asdict(options), *map(str, more)]).encode())
+    known.update(json.dumps([SCHEMA, __version__, asked, *map(str, more)]).encode())
     for file in _files(path, options):
         state = file.stat()
         known.update(f'{file.resolve()}\0{state.st_size}\0{state.st_mtime_ns}\0'.encode())
@@ -125,7 +126,7 @@ def fingerprint(path: Path, options: ReadOptions, *more: object) -> str:
 def _files(path: Path, options: ReadOptions) -> list[Path]:
     if path.is_dir():
         return sorted(file for file in path.rglob('*') if file.is_file())
-    return [path, *siblings(path)] if options.join else [path]
+    return [path, *siblings(path, options.join)]
 
 
 def _make(folder: Path, path: Path, options: ReadOptions, progress: Progress | None) -> None:

@@ -53,6 +53,9 @@ _INDEX = re.compile(
     r'^(?:index|idx|sample|n_samples|sample_?(?:no|number|index|counter)|counter)$'
 )
 _TEMPERATURE = re.compile(r'^(?:imu_?\d*_)?(?:temp|temperature)(?:_(?P<unit>c|degc))?$')
+_FILE_WORD = re.compile(
+    r'(?<![a-z])(?:acc(?:el(?:erometer|eration)?)?|gyr(?:o(?:scope)?)?|mag(?:netometer)?)(?![a-z])'
+)
 _QUANTITY_NAMES = {
     'acceleration': 'linear_acceleration',
     'accel': 'linear_acceleration',
@@ -177,7 +180,7 @@ def _chosen(path: Path, layout: Layout, options: ReadOptions) -> list[_Found]:
     names = layout.header or ('',) * layout.width
     own = []
     for index, name in enumerate(names):
-        if (meaning := recognise(name)) is not None:
+        if (meaning := recognise(name) or _said_by_file(path, name)) is not None:
             own.append(_Found(index, name, *meaning))
     if options.columns is None:
         return own
@@ -190,6 +193,21 @@ def _chosen(path: Path, layout: Layout, options: ReadOptions) -> list[_Found]:
     dropped = {column.index for column in pairs if column.target == '-'}
     rest = [c for c in own if c.target not in taken and c.index not in used]
     return [column for column in pairs + rest if column.index not in dropped]
+
+
+def _said_by_file(path: Path, name: str) -> tuple[str, str, int] | None:
+    """
+    Return the meaning of a column x, y or z in a file that is named after one sensor.
+
+    Examples
+    --------
+    >>> _said_by_file(Path('Gyroscope.csv'), 'z'), _said_by_file(Path('log.csv'), 'z')
+    (('angular_velocity.z', '', 2), None)
+    """
+    words = set(_FILE_WORD.findall(path.stem.lower()))
+    if len(words) != 1 or name.lower() not in ('x', 'y', 'z'):
+        return None
+    return recognise(f'{words.pop()}_{name}')
 
 
 def _by_position(path: Path, layout: Layout, parts: list[str]) -> list[_Found]:
@@ -284,7 +302,10 @@ def _given_units(found: list[_Found], options: ReadOptions) -> dict[str, str]:
 def _listing(layout: Layout) -> str:
     if layout.header:
         return f'the columns are {", ".join(layout.header)}'
-    return f'the file has {layout.width} columns without names'
+    columns = 'one column without a name'
+    if layout.width > 1:
+        columns = f'{layout.width} columns without names'
+    return f'the file has {columns}'
 
 
 def _positional_example(layout: Layout) -> str:

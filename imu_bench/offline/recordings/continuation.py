@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+import os
 from pathlib import Path
 import re
 from typing import NamedTuple
@@ -30,22 +31,26 @@ class Part(NamedTuple):
     layout: Layout
 
 
-def siblings(path: Path) -> list[Path]:
+def siblings(path: Path, known: Sequence[str]) -> list[Path]:
     """
-    Return the text files beside one whose names differ from its in numbers only, in order.
+    Return the known text files beside one whose names differ from its in numbers only, in order.
 
     Those that come before it are left out, as is the file itself.
     """
+    home = str(path.resolve().parent)
     shape, own = _key(path)
+    beside = (Path(file) for file in known if os.path.dirname(file) == home)
     found = [
-        (key, file)
-        for file in path.parent.iterdir()
+        (key, path.parent / file.name)
+        for file in beside
         if is_text_name(file) and (parts := _key(file))[0] == shape and (key := parts[1]) > own
     ]
     return [file for _, file in sorted(found)]
 
 
-def following(path: Path, layout: Layout, stamp: int, scale_s: float) -> Iterator[Part]:
+def following(
+    path: Path, layout: Layout, stamp: int, scale_s: float, known: Sequence[str]
+) -> Iterator[Part]:
     """
     Yield the files that continue one: alike in columns, and beginning where the last one ended.
 
@@ -58,9 +63,11 @@ def following(path: Path, layout: Layout, stamp: int, scale_s: float) -> Iterato
         Its time column.
     scale_s : float
         Seconds per unit of that column.
+    known : sequence of str
+        Resolved paths of the files that may continue it.
     """
     end = _times(path, layout, stamp)
-    for file in siblings(path):
+    for file in siblings(path, known):
         try:
             own = detect(file)
         except RecordingError:
@@ -83,18 +90,18 @@ def grouped(paths: Sequence[Path], options: ReadOptions) -> tuple[list[Path], Re
 
     With the options returned, a file is read together with those that continue it.
     """
-    joining = replace(options, join=True)
     alike: dict[tuple[Path, str], list[Path]] = {}
     for path in paths:
         if is_text_name(path) and path.is_file():
             alike.setdefault((path.resolve().parent, _key(path)[0]), []).append(path)
     continued: set[Path] = set()
     for group in alike.values():
+        joining = replace(options, join=tuple(str(path.resolve()) for path in group))
         for path in sorted(group, key=_key) if len(group) > 1 else ():
             if path.resolve() not in continued:
                 continued |= _continuing(path, joining)
     kept = [path for path in paths if path.resolve() not in continued]
-    return kept, joining if len(kept) < len(paths) else options
+    return kept, replace(options, join=tuple(sorted(map(str, continued))))
 
 
 def _continuing(path: Path, joining: ReadOptions) -> set[Path]:

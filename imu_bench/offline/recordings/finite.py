@@ -18,6 +18,9 @@ Bools = npt.NDArray[np.bool_]
 LARGEST, SMALLEST = 1e30, 1e-100
 """In SI: beyond them no sensor measures, and powers of the numbers do not fit a float."""
 
+_CACHED = 1 << 15
+"""Values that fit into the fast memory of a processor, with their sizes."""
+
 _INERTIAL = {quantity.field: quantity.name for quantity in IMU_QUANTITIES}
 
 
@@ -119,15 +122,17 @@ def _complete(field: str, values: Floats, notes: list[str]) -> bool:
 def _counts(column: Floats) -> tuple[int, int]:
     """Return how many values are finite, and how many are NaN; make tiny ones zero."""
     finite = nan = 0
-    for part in _pieces(column.size):
-        values = column[part]
-        size = np.abs(values)
-        found = int(np.count_nonzero(size <= LARGEST))
-        if (tiny := size < SMALLEST).any():
-            values[tiny] = 0.0
-        finite += found
-        if found < values.size:
+    sizes = np.empty(min(column.size, _CACHED))
+    for start in range(0, column.size, _CACHED):
+        values = column[start : start + _CACHED]
+        size = np.abs(values, out=sizes[: values.size])
+        if size.max() <= LARGEST:  # False if there is a NaN
+            finite += values.size
+        else:
+            finite += int(np.count_nonzero(size <= LARGEST))
             nan += int(np.count_nonzero(np.isnan(values)))
+        if not size.min() >= SMALLEST:
+            values[size < SMALLEST] = 0.0
     return finite, nan
 
 

@@ -13,7 +13,7 @@ from imu_bench.offline.recordings.finite import sift
 from imu_bench.offline.recordings.gathering import Allocate, Gathered, QUANTITIES
 from imu_bench.offline.recordings.options import ReadOptions
 from imu_bench.offline.recordings.source import Chunk, Source, Topic
-from imu_bench.offline.recordings.stamps import choose
+from imu_bench.offline.recordings.stamps import check_span, choose
 from imu_bench.samples import Samples
 import numpy as np
 import numpy.typing as npt
@@ -181,6 +181,7 @@ def _recording(source: Source, topic: Topic, gathered: Gathered) -> Recording:
         gathered.keep(good)
     receive = gathered.receive_ns
     stamps = gathered.stamps if chosen == origin or receive is None else receive
+    check_span(stamps, where)
     return Recording(
         source=str(source.path),
         topic=topic.name,

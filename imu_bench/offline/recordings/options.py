@@ -31,8 +31,8 @@ class ReadOptions:
         Units of the columns of a text file: ``name=unit`` pairs separated by
         commas, the unit optionally divided by counts per unit, as in
         ``linear_acceleration=g/16384,angular_velocity=deg/s/131``.
-    join : bool
-        Whether a text file is read together with those that continue it.
+    join : tuple of str
+        Text files, by their resolved paths, that are read with the one they continue.
 
     Raises
     ------
@@ -49,7 +49,7 @@ class ReadOptions:
     rate_hz: float | None = None
     columns: str | None = None
     units: str | None = None
-    join: bool = False
+    join: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         rate = self.rate_hz

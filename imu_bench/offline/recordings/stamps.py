@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings.gathering import PIECE
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,9 @@ MAX_BACKWARD = 0.01
 
 MAX_REPEATED = 0.5
 """Share of repeated stamps above which several samples wear one stamp."""
+
+MAX_SPAN_NS = 1 << 62
+"""Stamps further apart, 146 years, are damaged; their differences may not fit 64 bits."""
 
 
 def choose(
@@ -43,10 +47,32 @@ def choose(
     return stamps, origin, fault or 'they increase as a time of measurement does'
 
 
+def check_span(stamps: npt.NDArray[np.int64], where: str) -> None:
+    """
+    Make sure that differences of stamps fit 64 bits.
+
+    Raises
+    ------
+    RecordingError
+        If they lie centuries apart.
+    """
+    if stamps.size and _span(stamps) > MAX_SPAN_NS:
+        raise RecordingError(
+            f'{where}: the stamps go from {stamps.min()} to {stamps.max()} ns: some are damaged, '
+            'or the unit of the time column is another'
+        )
+
+
+def _span(stamps: npt.NDArray[np.int64]) -> int:
+    return int(stamps.max()) - int(stamps.min())
+
+
 def _fault(stamps: npt.NDArray[np.int64], origin: str) -> str:
     """Return why stamps are no time axis, or nothing."""
     if stamps.size < 2:
         return f'the {origin} stamp is zero' if stamps.size and stamps[0] == 0 else ''
+    if _span(stamps) > MAX_SPAN_NS:
+        return f'the {origin} stamps span centuries'
     backward = repeated = 0
     for start in range(0, stamps.size - 1, PIECE):
         steps = np.diff(stamps[start : start + PIECE + 1])

@@ -63,7 +63,8 @@ def parts_of(path: Path, options: ReadOptions) -> tuple[list[Part], list[Column]
     parts = [Part(path, layout)]
     stamp = next((column for column in columns if column.target == 'stamp'), None)
     if options.join and stamp is not None:
-        parts += continuation.following(path, layout, stamp.index, stamp.scale.factor)
+        scale = stamp.scale.factor
+        parts += continuation.following(path, layout, stamp.index, scale, options.join)
     return parts, columns, notes
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bokeh.models import ColumnDataSource, LayoutDOM
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.gauss_markov_result import Trace
 from imu_bench.offline.notation import readable_unit
 from imu_bench.offline.plotting import AXIS_COLOURS, FAINT, time_unit
-from imu_bench.offline.report.chart import Chart, columns
+from imu_bench.offline.report.chart import Chart
+from imu_bench.offline.report.models import columns, Model
 from imu_bench.offline.results import RecordingResult
 from imu_bench.units import convert
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 _LOW = 220  # px
 
 
-def noise_over_time(axes: Sequence[AxisResult], recording: RecordingResult) -> LayoutDOM:
+def noise_over_time(axes: Sequence[AxisResult], recording: RecordingResult) -> Model:
     """Return the deviation of each window over that of all of them, with its interval."""
     clock = time_unit(recording.health.duration_s)
     chart = Chart(f'time in {clock}', 'noise in %', height=_LOW)
@@ -56,7 +56,7 @@ def trace_of(axis: AxisResult) -> Trace | None:
     return drift.tracking.trace if drift and drift.tracking else None
 
 
-def tracked_bias(axes: Sequence[AxisResult], recording: RecordingResult) -> LayoutDOM:
+def tracked_bias(axes: Sequence[AxisResult], recording: RecordingResult) -> Model:
     """Return the moving average of each axis and the bias that the filter tracks in it."""
     clock = time_unit(recording.health.duration_s)
     drawn = [(axis, trace) for axis in axes if (trace := trace_of(axis)) is not None]
@@ -82,7 +82,7 @@ def tracked_bias(axes: Sequence[AxisResult], recording: RecordingResult) -> Layo
 
 def _tracked(
     axis: AxisResult, trace: Trace, recording: RecordingResult, unit: str, clock: str
-) -> ColumnDataSource:
+) -> Model:
     begin = (recording.start_ns - recording.origin_ns) * 1e-9
     mean, factor = axis.statistics['mean'].value or 0.0, convert(1.0, axis.unit, unit)
     return columns(

@@ -9,11 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import bokeh
-from bokeh.core.serialization import Serializer
-from bokeh.document import Document
-from bokeh.models import LayoutDOM
-from bokeh.resources import Resources
 from imu_bench.offline.report import figures
+from imu_bench.offline.report.models import document, Model
 import jinja2
 from markupsafe import Markup
 
@@ -24,32 +21,27 @@ class Places:
     """
     Collects figures; the page gets empty places and one JSON document each.
 
-    Parameters
-    ----------
-    prefix : str
-        Of the identifiers, where a page is put together from several collections.
-
     Attributes
     ----------
     items : list of str
         JSON documents of the figures.
     """
 
-    def __init__(self, prefix: str = '') -> None:
+    def __init__(self) -> None:
         self.items: list[str] = []
-        self._prefix = prefix
 
-    def add(self, model: LayoutDOM, caption: str) -> dict[str, str]:
+    def add(self, model: Model, caption: str) -> dict[str, str]:
         """Return the identifier of the place and the caption."""
-        name = f'figure-{self._prefix}{len(self.items) + 1}'
-        # what bokeh.embed.json_item makes; a Document walks over all models three times more
-        roots = Serializer(deferred=False).encode([model])
+        name = f'figure-{len(self.items) + 1}'
+        root, roots = document(model, f'{name}-')
+        # what bokeh.embed.json_item would make
         content = {
-            'root_id': model.id,
-            'doc': {**_empty_document(), 'roots': roots},
+            'target_id': name,
+            'root_id': root,
+            'doc': {'version': bokeh.__version__, 'title': '', 'roots': roots},
             'version': bokeh.__version__,
         }
-        self.items.append(_script_safe({'target_id': name, **content}))
+        self.items.append(_script_safe(content))
         return {'id': name, 'caption': caption, 'height': str(figures.height_of(model))}
 
 
@@ -73,20 +65,16 @@ def page(template: str, collected: Places, **content: Any) -> str:
     )
 
 
-def _script_safe(document: dict[str, Any]) -> str:
+def _script_safe(content: dict[str, Any]) -> str:
     """Return JSON that cannot end the script element it stands in."""
-    return json.dumps(document, separators=(',', ':')).replace('<', '\\u003c')
-
-
-@cache
-def _empty_document() -> dict[str, Any]:
-    return dict(Document(title='').to_json(deferred=False))
+    return json.dumps(content, separators=(',', ':'), allow_nan=False).replace('<', '\\u003c')
 
 
 @cache
 def _library() -> str:
     """Return the plotting library that came with the Python package, without its widgets."""
-    return '\n'.join(Resources(mode='inline', components=['bokeh']).js_raw)
+    folder = Path(bokeh.__file__).parent / 'server' / 'static' / 'js'
+    return (folder / 'bokeh.min.js').read_text(encoding='utf-8')
 
 
 @cache

@@ -5,17 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bokeh.layouts import column
-from bokeh.models import (
-    BoxAnnotation,
-    ColumnDataSource,
-    LayoutDOM,
-    MultiLine,
-    Quad,
-    Range1d,
-    Scatter,
-    Text,
-)
 from imu_bench.metrology.normality import Histogram
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.notation import number
@@ -35,7 +24,8 @@ from imu_bench.offline.plotting import (
     of_all,
     time_unit,
 )
-from imu_bench.offline.report.chart import Chart, columns, HEIGHT
+from imu_bench.offline.report.chart import Chart, HEIGHT
+from imu_bench.offline.report.models import columns, glyph, Model
 from imu_bench.offline.results import RecordingResult
 from imu_bench.units import convert
 import numpy as np
@@ -43,6 +33,7 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 
+_AT = {'x': 'tau', 'y': 'deviation'}
 _TAU, _FREQUENCY = 'averaging time τ in s', 'frequency in Hz'
 _LOW = 200  # px, where the shape says it all
 _TALL = 440  # px, where many sensors share a plot
@@ -52,33 +43,35 @@ _NAMED_TONES = 3
 _HALF_VIEW = 4.0  # factor above and below the middle of a spectrum that is always shown
 
 
-def time_series(axes: Sequence[AxisResult], recording: RecordingResult) -> LayoutDOM:
+def time_series(axes: Sequence[AxisResult], recording: RecordingResult) -> Model:
     """Return one strip per axis, each about its own mean, with motion shaded."""
     unit = level_unit(axes)
     clock = time_unit(recording.health.duration_s)
-    strips: list[Chart] = []
+    strips: list[Model] = []
+    shared: Model | None = None
     for axis in axes:
         first, last = axis is axes[0], axis is axes[-1]
         strip = Chart(
             f'time in {clock}' if last else '',
             f'{axis.letter} in {unit}',
             height=_STRIP + _TOOLS * first + _LABELS * last,
-            **({} if first else {'x_range': strips[0].figure.x_range, 'toolbar_location': None}),
         )
-        strip.figure.xaxis.visible = last
+        if first:
+            shared = strip.figure.settings['x_range']
+        else:
+            strip.figure.set(x_range=shared, toolbar_location=None)
+        strip.x_axis.set(visible=last)
         _trace(strip, axis, unit, clock)
         for begin, end in recording.health.motion:
-            left, right = convert(begin, 's', clock), convert(end, 's', clock)
-            shade = BoxAnnotation(left=left, right=right, fill_color='#e8a33d', fill_alpha=0.16)
-            strip.figure.add_layout(shade)
-        strips.append(strip)
-    return column(*(strip.finish() for strip in strips), sizing_mode='stretch_width', spacing=0)
+            strip.shade(convert(begin, 's', clock), convert(end, 's', clock), '#e8a33d')
+        strips.append(strip.finish())
+    return Model('Column', children=strips, sizing_mode='stretch_width', spacing=0)
 
 
-def allan(axes: Sequence[AxisResult]) -> LayoutDOM:
+def allan(axes: Sequence[AxisResult]) -> Model:
     """Return Allan deviation, interval, fitted model and its parts, for all axes of a quantity."""
     unit = allan_unit(axes)
-    chart = Chart(_TAU, f'Allan deviation in {unit}', log=True)
+    chart = Chart(_TAU, f'Allan deviation in {unit}', log_x=True, log_y=True)
     drawn = [axis for axis in axes if drawable(axis)]
     for axis in drawn:
         colour = AXIS_COLOURS[axis.letter]
@@ -86,7 +79,7 @@ def allan(axes: Sequence[AxisResult]) -> LayoutDOM:
         chart.band(source, 'tau', 'low', 'high', colour, axis.letter)
         chart.line(source, 'tau', 'deviation', axis.letter, color=colour, width=1.8)
         dots = chart.draw(
-            Scatter(x='tau', y='deviation', size=4, fill_color=colour, line_color=None),
+            glyph('Scatter', _AT, size=4, fill_color=colour, line_color=None),
             source,
             axis.letter,
         )
@@ -99,11 +92,11 @@ def allan(axes: Sequence[AxisResult]) -> LayoutDOM:
     return chart.finish()
 
 
-def spectrum(axes: Sequence[AxisResult]) -> LayoutDOM:
+def spectrum(axes: Sequence[AxisResult]) -> Model:
     """Return the amplitude density with the white noise density and the tones marked."""
     drawn = [axis for axis in axes if axis.psd is not None]
     unit = density_unit(axes)
-    chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log=True)
+    chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log_x=True, log_y=True)
     for axis in drawn:
         _density(chart, axis, unit, AXIS_COLOURS[axis.letter], axis.letter, 'solid')
     for axis in drawn:
@@ -114,13 +107,11 @@ def spectrum(axes: Sequence[AxisResult]) -> LayoutDOM:
     return chart.finish()
 
 
-def histogram(axes: Sequence[AxisResult]) -> LayoutDOM:
+def histogram(axes: Sequence[AxisResult]) -> Model:
     """Return the distribution of each axis about its mean, and the normal one of the same σ."""
     unit = level_unit(axes)
     chart = Chart(f'deviation from the mean in {unit}', 'relative frequency')
-    chart.figure.yaxis.ticker = []
-    chart.figure.ygrid.visible = False
-    chart.figure.y_range.start = 0
+    _no_scale(chart)
     for axis in axes:
         _bars(chart, axis, unit)
     for axis in axes:
@@ -128,31 +119,28 @@ def histogram(axes: Sequence[AxisResult]) -> LayoutDOM:
     return chart.finish()
 
 
-def intervals(recording: RecordingResult) -> LayoutDOM:
+def intervals(recording: RecordingResult) -> Model:
     """Return the distribution of the intervals between samples."""
     chart = Chart('interval between samples in ms', 'relative frequency', height=_LOW)
-    chart.figure.yaxis.ticker = []
-    chart.figure.ygrid.visible = False
-    chart.figure.y_range.start = 0
+    _no_scale(chart)
     found = recording.intervals
     if found is not None:
-        edges = 1e3 * found.edges
-        source = columns(left=edges[:-1], right=edges[1:], count=found.count / found.count.max())
-        glyph = Quad(
-            left='left', right='right', top='count', bottom=0, fill_color=FAINT, line_color=None
-        )
-        bars = chart.draw(glyph, source)
+        at = 1e3 * found.edges
+        source = columns(left=at[:-1], right=at[1:], count=found.count / found.count.max())
+        edges = {'left': 'left', 'right': 'right', 'top': 'count'}
+        quad = glyph('Quad', edges, bottom=0, fill_color=FAINT, line_color=None)
+        bars = chart.draw(quad, source)
         chart.hover([bars], [('interval', '@left{0.000} to @right{0.000} ms')])
     return chart.finish()
 
 
 def compare_allan(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
-) -> LayoutDOM:
+) -> Model:
     """Return the Allan deviations of all sensors: one colour each, one dash pattern per axis."""
     rows = [row for row in of_all(recordings, labels, quantity) if drawable(row[2])]
     unit = allan_unit([axis for _, _, axis in rows])
-    chart = Chart(_TAU, f'Allan deviation in {unit}', log=True, height=_TALL)
+    chart = Chart(_TAU, f'Allan deviation in {unit}', log_x=True, log_y=True, height=_TALL)
     for label, colour, axis in rows:
         source = _curve(axis, unit)
         dash = AXIS_DASHES[axis.letter]
@@ -164,21 +152,21 @@ def compare_allan(
 
 def compare_spectrum(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
-) -> LayoutDOM:
+) -> Model:
     """Return the amplitude densities of all sensors."""
     rows = [row for row in of_all(recordings, labels, quantity) if row[2].psd is not None]
     unit = density_unit([axis for _, _, axis in rows])
-    chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log=True, height=_TALL)
+    chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log_x=True, log_y=True, height=_TALL)
     for label, colour, axis in rows:
         _density(chart, axis, unit, colour, label, AXIS_DASHES[axis.letter])
     _show(chart, density_view([axis for _, _, axis in rows], unit))
     return chart.finish()
 
 
-def height_of(model: LayoutDOM) -> int:
+def height_of(model: Model) -> int:
     """Return the height in px that the page must keep free for a figure."""
-    parts = getattr(model, 'children', None)
-    return sum(height_of(part) for part in parts) if parts else int(model.height or HEIGHT)
+    parts = model.settings.get('children')
+    return sum(map(height_of, parts)) if parts else int(model.settings.get('height', HEIGHT))
 
 
 def _trace(strip: Chart, axis: AxisResult, unit: str, clock: str) -> None:
@@ -201,12 +189,12 @@ def _bars(chart: Chart, axis: AxisResult, unit: str) -> None:
     if found is None:
         return
     edges = _centred_edges(axis, found, unit)
-    glyph = Quad(
-        left='left', right='right', top='share', bottom=0, line_color=None,
+    quad = glyph(
+        'Quad', {'left': 'left', 'right': 'right', 'top': 'share'}, bottom=0, line_color=None,
         fill_color=AXIS_COLOURS[axis.letter], fill_alpha=0.22,
     )  # fmt: skip
     share = found.count / found.count.sum() / np.diff(edges)
-    bars = chart.draw(glyph, columns(left=edges[:-1], right=edges[1:], share=share), axis.letter)
+    bars = chart.draw(quad, columns(left=edges[:-1], right=edges[1:], share=share), axis.letter)
     chart.hover([bars], [(axis.letter, f'@left{{0.000}} to @right{{0.000}} {unit}')])
 
 
@@ -225,7 +213,7 @@ def _centred_edges(axis: AxisResult, found: Histogram, unit: str) -> Floats:
     return (found.edges - (axis.statistics['mean'].value or 0.0)) * convert(1.0, axis.unit, unit)
 
 
-def _curve(axis: AxisResult, unit: str) -> ColumnDataSource:
+def _curve(axis: AxisResult, unit: str) -> Model:
     curve, factor = axis.allan, convert(1.0, axis.unit, unit)
     if curve is None:
         return columns(tau=[], deviation=[], low=[], high=[], noise=[])
@@ -261,9 +249,12 @@ def _parts(chart: Chart, axis: AxisResult, unit: str) -> None:
     if tau is None:
         return
     parts = [part * convert(1.0, axis.unit, unit) for part in model_parts(axis.model, tau)]
-    glyph = MultiLine(xs='tau', ys='part', line_color=AXIS_COLOURS[axis.letter], line_dash=[2, 3])
+    lines = glyph(
+        'MultiLine', {'xs': 'tau', 'ys': 'part'}, line_color=AXIS_COLOURS[axis.letter],
+        line_dash=[2, 3],
+    )  # fmt: skip
     source = columns(tau=np.tile(tau, (len(parts), 1)), part=np.array(parts))
-    chart.draw(glyph, source, 'its parts')
+    chart.draw(lines, source, 'its parts')
 
 
 def _density(
@@ -302,13 +293,14 @@ def _tones(chart: Chart, axis: AxisResult, unit: str) -> None:
         height=1.25 * top * convert(1.0, f'{axis.unit}/√Hz', unit),
         words=[f'{number(f, 4)} Hz' for f in frequency],
     )
-    mark = Scatter(
-        x='frequency', y='height', marker='inverted_triangle', size=8, line_color=None,
+    place = {'x': 'frequency', 'y': 'height'}
+    mark = glyph(
+        'Scatter', place, marker='inverted_triangle', size=8, line_color=None,
         fill_color=AXIS_COLOURS[axis.letter],
     )  # fmt: skip
-    words = Text(
-        x='frequency', y='height', text={'field': 'words'}, text_font_size='10px',
-        text_color=FAINT, text_align='center', y_offset=-6,
+    words = glyph(
+        'Text', place | {'text': 'words'}, text_font_size='10px', text_color=FAINT,
+        text_align='center', y_offset=-6,
     )  # fmt: skip
     chart.hover([chart.draw(mark, source, 'tones')], [('tone', '@words'), ('axis', axis.letter)])
     chart.draw(words, source)
@@ -316,4 +308,11 @@ def _tones(chart: Chart, axis: AxisResult, unit: str) -> None:
 
 def _show(chart: Chart, view: tuple[float, float] | None) -> None:
     if view is not None:
-        chart.figure.y_range = Range1d(*view)
+        chart.figure.set(y_range=Model('Range1d', start=view[0], end=view[1]))
+
+
+def _no_scale(chart: Chart) -> None:
+    """Leave only the shape to the vertical axis."""
+    chart.y_axis.set(ticker=Model('FixedTicker', ticks=[]))
+    chart.y_grid.set(visible=False)
+    chart.figure.set(y_range=Model('DataRange1d', start=0))

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping
+import gzip
 from itertools import count
 import math
 import sys
@@ -22,6 +23,8 @@ import numpy.typing as npt
 
 _ONE_STYLE = frozenset(('Line', 'Step', 'VArea'))
 """Glyphs that have one style, not one for each of their points."""
+
+_LITTLE_EFFORT = 1  # of the compression, which does little for noise
 
 
 class Field(NamedTuple):
@@ -123,7 +126,10 @@ class _Encoder:
                 'entries': [[key, self.encode(item)] for key, item in what.items()],
             }
         if isinstance(what, float) and not math.isfinite(what):
-            return {'type': 'number', 'value': {math.inf: '+inf', -math.inf: '-inf'}.get(what, 'nan')}
+            return {
+                'type': 'number',
+                'value': {math.inf: '+inf', -math.inf: '-inf'}.get(what, 'nan'),
+            }
         return what
 
     def _model(self, model: Model) -> dict[str, Any]:
@@ -141,9 +147,10 @@ def _packed(array: npt.NDArray[Any]) -> Any:
 
 
 def _array(array: npt.NDArray[Any]) -> dict[str, Any]:
+    packed = gzip.compress(array.tobytes(), _LITTLE_EFFORT, mtime=0)
     return {
         'type': 'ndarray',
-        'array': {'type': 'bytes', 'data': base64.b64encode(array.tobytes()).decode('ascii')},
+        'array': {'type': 'bytes', 'data': base64.b64encode(packed).decode('ascii')},
         'shape': list(array.shape),
         'dtype': array.dtype.name,
         'order': sys.byteorder,

@@ -57,7 +57,15 @@
   }, { rootMargin: '600px' });
   document.querySelectorAll('.plot').forEach(function (place) { near.observe(place); });
   setTimeout(next, 200);
+  /* On paper four figures share a page; they keep the shape that they have on the screen. */
+  const width = 490, height = 290;  // px: that of A4 landscape without its margins and captions
   window.addEventListener('beforeprint', function () {
     Array.from(waiting.keys()).forEach(draw);
+    document.querySelectorAll('.plot').forEach(function (place) {
+      place.style.zoom = Math.min(0.8, width / place.clientWidth, height / place.clientHeight);
+    });
+  });
+  window.addEventListener('afterprint', function () {
+    document.querySelectorAll('.plot').forEach(function (place) { place.style.zoom = ''; });
   });
 }());

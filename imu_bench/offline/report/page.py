@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Future
 from datetime import datetime, timezone
 import os
 from pathlib import Path
@@ -14,56 +13,40 @@ from imu_bench.offline import comparison
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.comparison import Comparison
 from imu_bench.offline.plotting import drawable
-from imu_bench.offline.report import checks_figures, checks_text, figures, pasted, text
+from imu_bench.offline.report import (
+    against_datasheet,
+    checks_figures,
+    checks_text,
+    figures,
+    pasted,
+    text,
+)
 from imu_bench.offline.report.document import page, Places
 from imu_bench.offline.results import Analysis, RecordingResult
-from imu_bench.offline.workers import answer, Here, Workers
 from imu_bench.samples import IMU_QUANTITIES, Quantity
 
 _BEFORE_CLOCKS = 2000  # stamps of an earlier year are seconds since power-up, not a date
 
 
-def render(analysis: Analysis, workers: Workers | None = None) -> str:
+def render(analysis: Analysis) -> str:
     """
     Return the report as one HTML document without any reference to the outside.
 
     Everything that comes from a recording (topics, frames, file names, notes)
     is escaped by the template engine.
-
-    Parameters
-    ----------
-    analysis : Analysis
-    workers : Workers, optional
-        Who draws the figures; this process if nobody is given.
     """
-    draw = (workers or Here()).submit
     compared = comparison.compare(analysis.recordings, str(analysis.settings.get('reference', '')))
-    numbered = list(enumerate(analysis.recordings))
-    heads = [draw(_intervals, recording, f'{n}-') for n, recording in numbered]
-    parts = [
-        [
-            draw(_section, recording, quantity, f'{n}-{quantity.field}-')
-            for quantity in IMU_QUANTITIES
-            if recording.of(quantity.name)
-        ]
-        for n, recording in numbered
-    ]
-    joint = draw(_together, analysis.recordings, compared, 'together-')
     collected = Places()
-
-    def collect(future: Future[tuple[Any, list[str]]]) -> Any:
-        content, items = answer(future)
-        collected.items += items
-        return content
-
+    together = _together(analysis.recordings, compared, collected)
     sensors = [
-        _sensor(recording, label)
-        | {'intervals': collect(head), 'sections': list(map(collect, own))}
-        for recording, label, head, own in zip(
-            analysis.recordings, compared.labels, heads, parts, strict=True
-        )
+        _sensor(recording, label, collected)
+        for recording, label in zip(analysis.recordings, compared.labels, strict=True)
     ]
-    together = collect(joint)
+    doubtful = {
+        label
+        for recording, label in zip(analysis.recordings, compared.labels, strict=True)
+        if recording.health.severity != 'info'
+    }
     return page(
         'page.html',
         collected,
@@ -71,29 +54,27 @@ def render(analysis: Analysis, workers: Workers | None = None) -> str:
         version=analysis.version,
         summary=text.summary(analysis, compared),
         rankings=text.rankings(analysis, compared),
-        judgements=text.judgements(compared.verdicts),
+        judgements=against_datasheet.lines(compared.verdicts, doubtful),
         failures=analysis.failures,
         sensors=sensors,
         together=together,
     )
 
 
-def write(
-    analysis: Analysis, path: str | os.PathLike[str], workers: Workers | None = None
-) -> None:
+def write(analysis: Analysis, path: str | os.PathLike[str]) -> None:
     """
-    Write the report; parameters as `render`.
+    Write the report.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     """
-    Path(path).write_text(render(analysis, workers), encoding='utf-8')
+    Path(path).write_text(render(analysis), encoding='utf-8')
 
 
-def _sensor(recording: RecordingResult, label: str) -> dict[str, Any]:
-    """Return what the page says about one sensor, without figures."""
+def _sensor(recording: RecordingResult, label: str, collected: Places) -> dict[str, Any]:
+    """Return what the page says about one sensor."""
     health = recording.health
     return {
         'label': label,
@@ -106,17 +87,20 @@ def _sensor(recording: RecordingResult, label: str) -> dict[str, Any]:
         'severity': health.severity,
         'findings': health.findings,
         'exports': pasted.blocks(recording),
+        'intervals': _intervals(recording, collected),
+        'sections': [
+            _section(recording, quantity, collected)
+            for quantity in IMU_QUANTITIES
+            if recording.of(quantity.name)
+        ],
     }
 
 
-def _section(
-    recording: RecordingResult, quantity: Quantity, prefix: str
-) -> tuple[dict[str, Any], list[str]]:
-    """Return what the page says about one quantity of one sensor, and its figures."""
-    collected = Places(prefix)
+def _section(recording: RecordingResult, quantity: Quantity, collected: Places) -> dict[str, Any]:
+    """Return what the page says about one quantity of one sensor."""
     axes = recording.of(quantity.name)
     name = text.SIGNAL_NAMES[quantity.name]
-    content = {
+    return {
         'name': name,
         'letters': [axis.letter for axis in axes],
         'coefficients': text.coefficient_columns(axes),
@@ -134,15 +118,12 @@ def _section(
         'steadiness': checks_text.steadiness_words(axes),
         'figures': _figures(axes, recording, name, collected),
     }
-    return content, collected.items
 
 
-def _intervals(recording: RecordingResult, prefix: str) -> tuple[list[dict[str, str]], list[str]]:
+def _intervals(recording: RecordingResult, collected: Places) -> list[dict[str, str]]:
     if recording.intervals is None:
-        return [], []
-    collected = Places(prefix)
-    place = collected.add(figures.intervals(recording), 'Intervals between samples')
-    return [place], collected.items
+        return []
+    return [collected.add(figures.intervals(recording), 'Intervals between samples')]
 
 
 def _figures(
@@ -169,11 +150,10 @@ def _figures(
 
 
 def _together(
-    recordings: Sequence[RecordingResult], compared: Comparison, prefix: str
-) -> tuple[list[dict[str, str]], list[str]]:
-    collected = Places(prefix)
+    recordings: Sequence[RecordingResult], compared: Comparison, collected: Places
+) -> list[dict[str, str]]:
     if len(recordings) < 2:
-        return [], []
+        return []
     places = []
     for quantity in IMU_QUANTITIES:
         if quantity.name not in compared.standings:
@@ -187,7 +167,7 @@ def _together(
         if any(axis.psd for axis in axes):
             spectra = figures.compare_spectrum(*arguments)
             places.append(collected.add(spectra, f'{name}: noise spectrum, all sensors'))
-    return places, collected.items
+    return places
 
 
 def _title(compared: Comparison) -> str:

@@ -5,38 +5,24 @@ from __future__ import annotations
 
 from itertools import cycle
 
-from bokeh.models import (
-    BasicTicker,
-    ColorBar,
-    ColumnDataSource,
-    FixedTicker,
-    HoverTool,
-    LayoutDOM,
-    LinearColorMapper,
-    Range1d,
-    Scatter,
-    Segment,
-    Step,
-    VBar,
-)
-from bokeh.models import Image as ImageGlyph
 from imu_bench.offline.plans.result import Floats, Image, PlanFigure, Series
 from imu_bench.offline.plotting import bar_places, SENSOR_COLOURS
-from imu_bench.offline.report.chart import Chart, columns
+from imu_bench.offline.report.chart import Chart
+from imu_bench.offline.report.models import columns, Field, glyph, Model
 import numpy as np
 
-_PALETTE = 'Viridis256'
+_AT = {'x': 'x', 'y': 'y'}
 _FEW = 400
 """Points that are drawn as dots one can point at."""
 
 
-def draw(figure: PlanFigure) -> LayoutDOM:
+def draw(figure: PlanFigure) -> Model:
     """Return a figure of a plan."""
     chart = Chart(
         figure.x_label,
         figure.y_label,
-        x_axis_type='log' if figure.log_x else 'linear',
-        y_axis_type='log' if figure.log_y else 'linear',
+        log_x=figure.log_x,
+        log_y=figure.log_y,
     )
     if figure.image is not None:
         _image(chart, figure.image)
@@ -53,7 +39,7 @@ def draw(figure: PlanFigure) -> LayoutDOM:
     return chart.finish()
 
 
-def _source(series: Series, x: Floats | None = None) -> ColumnDataSource:
+def _source(series: Series, x: Floats | None = None) -> Model:
     arrays = {'x': series.x if x is None else x, 'y': series.y}
     if series.low is not None and series.high is not None:
         arrays |= {'low': series.low, 'high': series.high}
@@ -67,12 +53,12 @@ def _line(chart: Chart, series: Series, colour: str) -> None:
     style = {'line_color': colour, 'line_width': 1.6}
     style |= {'line_dash': 'dashed'} if series.dashed else {}
     if series.kind == 'step':
-        chart.draw(Step(x='x', y='y', mode='after', **style), source, series.label)
+        chart.draw(glyph('Step', _AT, mode='after', **style), source, series.label)
     else:
         style = {name.removeprefix('line_'): setting for name, setting in style.items()}
         chart.line(source, 'x', 'y', series.label, **style)
     if len(series.x) <= _FEW:
-        dots = Scatter(x='x', y='y', size=4, fill_color=colour, line_color=None)
+        dots = glyph('Scatter', _AT, size=4, fill_color=colour, line_color=None)
         renderer = chart.draw(dots, source, series.label)
         chart.hover([renderer], _tips(series))
 
@@ -81,22 +67,23 @@ def _points(chart: Chart, series: Series, colour: str) -> None:
     source = _source(series)
     _whiskers(chart, source, series, colour)
     fill = None if series.dashed else colour
-    dots = Scatter(x='x', y='y', size=6, fill_color=fill, line_color=colour)
+    dots = glyph('Scatter', _AT, size=6, fill_color=fill, line_color=colour)
     chart.hover([chart.draw(dots, source, series.label)], _tips(series))
 
 
 def _bars(chart: Chart, series: Series, colour: str, place: tuple[float, float]) -> None:
     offset, width = place
     source = _source(series, series.x + offset)
-    glyph = VBar(x='x', top='y', width=width, fill_color=colour, line_color=None, fill_alpha=0.85)
-    chart.hover([chart.draw(glyph, source, series.label)], _tips(series))
+    style = {'fill_color': colour, 'line_color': None, 'fill_alpha': 0.85}
+    bar = glyph('VBar', {'x': 'x', 'top': 'y'}, width=width, **style)
+    chart.hover([chart.draw(bar, source, series.label)], _tips(series))
     _whiskers(chart, source, series, '#1f2933')
 
 
-def _whiskers(chart: Chart, source: ColumnDataSource, series: Series, colour: str) -> None:
+def _whiskers(chart: Chart, source: Model, series: Series, colour: str) -> None:
     if series.low is not None and series.high is not None:
-        glyph = Segment(x0='x', y0='low', x1='x', y1='high', line_color=colour, line_width=1.2)
-        chart.draw(glyph, source, series.label)
+        ends = {'x0': 'x', 'y0': 'low', 'x1': 'x', 'y1': 'high'}
+        chart.draw(glyph('Segment', ends, line_color=colour, line_width=1.2), source, series.label)
 
 
 def _tips(series: Series) -> list[tuple[str, str]]:
@@ -107,38 +94,41 @@ def _tips(series: Series) -> list[tuple[str, str]]:
 
 
 def _image(chart: Chart, image: Image) -> None:
+    from bokeh.palettes import Viridis256  # a quarter of a second, for few figures
+
     finite = image.values[np.isfinite(image.values)]
-    mapper = LinearColorMapper(
-        palette=_PALETTE, low=float(finite.min()), high=float(finite.max()), nan_color='white'
+    mapper = Model(
+        'LinearColorMapper',
+        palette=list(Viridis256), low=float(finite.min()), high=float(finite.max()),
+        nan_color='white',
+    )  # fmt: skip
+    (left, right), (bottom, top) = image.x, image.y
+    place = {'x': [left], 'y': [bottom], 'dw': [right - left], 'dh': [top - bottom]}
+    source = Model('ColumnDataSource', data={'image': [image.values.astype(np.float32)], **place})
+    drawn = Model(
+        'Image', **{name: Field(name) for name in ('image', *place)}, color_mapper=mapper
     )
-    source = ColumnDataSource(
-        {
-            'image': [image.values.astype(np.float32)],
-            'x': [image.x[0]],
-            'y': [image.y[0]],
-            'dw': [image.x[1] - image.x[0]],
-            'dh': [image.y[1] - image.y[0]],
-        }
+    renderer = chart.draw(drawn, source)
+    chart.figure.set(
+        x_range=Model('Range1d', start=left, end=right),
+        y_range=Model('Range1d', start=bottom, end=top),
     )
-    glyph = ImageGlyph(image='image', x='x', y='y', dw='dw', dh='dh', color_mapper=mapper)
-    renderer = chart.draw(glyph, source)
-    chart.figure.x_range = Range1d(*image.x)
-    chart.figure.y_range = Range1d(*image.y)
-    chart.figure.add_tools(
-        HoverTool(renderers=[renderer], tooltips=[('at', '$x, $y'), (image.label, '@image')])
-    )
-    bar = ColorBar(
-        color_mapper=mapper, title=image.label, ticker=BasicTicker(), width=10, padding=4,
+    chart.hover([renderer], [('at', '$x, $y'), (image.label, '@image')])
+    bar = Model(
+        'ColorBar',
+        color_mapper=mapper, title=image.label, ticker=Model('BasicTicker'), width=10, padding=4,
         title_text_font_style='normal', title_text_font_size='11px',
         major_label_text_font_size='11px', bar_line_color=None,
     )  # fmt: skip
-    chart.figure.add_layout(bar, 'right')
+    chart.figure.set(right=[bar])
 
 
 def _name(chart: Chart, categories: tuple[str, ...]) -> None:
-    chart.figure.xaxis.ticker = FixedTicker(ticks=list(range(len(categories))))
-    chart.figure.xaxis.major_label_overrides = dict(enumerate(categories))
-    chart.figure.xgrid.visible = False
+    chart.x_axis.set(
+        ticker=Model('FixedTicker', ticks=list(range(len(categories)))),
+        major_label_overrides=dict(enumerate(categories)),
+    )
+    chart.x_grid.set(visible=False)
     longest = max(map(len, categories))
     if longest * len(categories) > 60:
-        chart.figure.xaxis.major_label_orientation = 0.7
+        chart.x_axis.set(major_label_orientation=0.7)

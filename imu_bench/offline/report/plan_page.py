@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from imu_bench import __version__
+from imu_bench.offline.notation import number
 from imu_bench.offline.plans import shown
 from imu_bench.offline.plans.result import PlanResult, Table
 from imu_bench.offline.report import plan_figures
 from imu_bench.offline.report.document import page, Places
+from imu_bench.units import convert
 
 _NAMED_SOURCES = 12
+_DIGITS = 6
 
 
 def render(result: PlanResult) -> str:
@@ -59,7 +62,10 @@ def _table(table: Table) -> dict[str, Any]:
 def _setting(item: tuple[str, Any]) -> tuple[str, str]:
     name, value = item
     if isinstance(value, dict) and set(value) == {'value', 'unit'}:
-        return name, f'{value["value"]} {value["unit"]}'
+        unit = '°' if value['unit'] == 'rad' else value['unit']
+        numbers = value['value'] if isinstance(value['value'], list) else [value['value']]
+        shown = (number(convert(one, value['unit'], unit), _DIGITS) for one in numbers)
+        return name, f'{", ".join(shown)} {unit}'
     if isinstance(value, list | tuple):
         return name, ', '.join(map(str, value))
     return name, '' if value is None else str(value)

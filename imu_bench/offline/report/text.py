@@ -9,11 +9,12 @@ from typing import NamedTuple
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.noise_model import TERM_NAMES
 from imu_bench.offline.axis_result import AxisResult
-from imu_bench.offline.comparison import Comparison, Standing, Verdict
+from imu_bench.offline.comparison import Comparison, Standing
 from imu_bench.offline.health import Health
 from imu_bench.offline.notation import (
     count,
     duration,
+    grouped,
     number,
     percent,
     rate_text,
@@ -22,6 +23,7 @@ from imu_bench.offline.notation import (
     text,
     value_text,
 )
+from imu_bench.offline.report import against_datasheet
 from imu_bench.offline.results import Analysis, RecordingResult
 from imu_bench.samples import IMU_QUANTITIES
 
@@ -48,14 +50,24 @@ class Column(NamedTuple):
 
 def summary(analysis: Analysis, comparison: Comparison) -> list[str]:
     """Return what the whole run says, a sentence each."""
-    lines = []
+    lines = [_recorded(analysis.recordings)]
     for quantity, rows in comparison.standings.items():
         # a sensor that moved is not loud: compare those that can be compared
         sound = [r for r in rows if analysis.recordings[r.index].health.severity != 'severe']
         lines.extend(_quietest(SENSOR_NAMES[quantity], sound or rows))
+    lines.extend(against_datasheet.summary(comparison.verdicts))
     lines.append(_health_line(analysis.recordings, comparison.labels))
     lines.extend(_unseen(analysis.recordings, comparison.labels))
     return lines
+
+
+def _recorded(recordings: Sequence[RecordingResult]) -> str:
+    """Return how much was recorded."""
+    samples = count(sum(r.health.samples for r in recordings), 'sample')
+    seconds = [recording.health.duration_s for recording in recordings]
+    first, last = duration(min(seconds)), duration(max(seconds))
+    length = first if first == last else f'{first} to {last}'
+    return f'{count(len(recordings), "sensor")}, {length}, {samples}.'
 
 
 def _quietest(sensor: str, rows: Sequence[Standing]) -> list[str]:
@@ -81,8 +93,13 @@ def _health_line(recordings: Sequence[RecordingResult], labels: Sequence[str]) -
     ]
     if bad:
         return f'Not to be trusted without reading its findings: {"; ".join(bad)}.'
-    if any(recording.health.severity == 'warning' for recording in recordings):
-        return 'Some findings affect part of the numbers; none makes them worthless.'
+    doubtful = [
+        label
+        for recording, label in zip(recordings, labels, strict=True)
+        if recording.health.severity == 'warning'
+    ]
+    if doubtful:
+        return f'Read the findings of {", ".join(doubtful)}: they affect part of the numbers.'
     return 'The recordings are in good health: nothing casts doubt on the numbers.'
 
 
@@ -161,7 +178,9 @@ def health_facts(health: Health) -> list[tuple[str, str]]:
         ('Missing', _missing(health)),
     ]
     if health.announced is not None:
-        facts.append(('Announced / read', f'{health.announced} / {health.stored}'))
+        facts.append(
+            ('Announced / read', f'{grouped(health.announced)} / {grouped(health.stored)}')
+        )
     repeats = health.duplicates + health.order_faults
     if repeats:
         facts.append(('Duplicates / order faults', f'{health.duplicates} / {health.order_faults}'))
@@ -181,6 +200,8 @@ def _missing(health: Health) -> str:
 def _in_time_unit(estimate: Estimate) -> str:
     if estimate.value is None:
         return value_text(estimate)
+    if estimate.value < 1e-9:
+        return 'below 1 ns'  # what stamps can tell
     for unit, limit in (('s', 1.0), ('ms', 1e-3), ('µs', 1e-6)):
         if estimate.value >= limit:
             return text(estimate, unit)
@@ -321,7 +342,7 @@ def _ranking(
         [
             Row(
                 row.label,
-                short(recordings[row.index].health.rate, 4),
+                short(recordings[row.index].rate_of(quantity), 4),
                 ' / '.join(short(axis.white_density.to(density)) for axis in group),
                 '–' if row.ratio.value is None else f'{number(row.ratio.value, 3)}×',
                 ' / '.join(short(axis.model.B.to(bias), 2) for axis in group),
@@ -331,40 +352,3 @@ def _ranking(
             for row, group in zip(rows, axes, strict=True)
         ],
     )
-
-
-class Judgement(NamedTuple):
-    """One line of the comparison with the datasheet."""
-
-    label: str
-    axis: str
-    parameter: str
-    measured: str
-    typical: str
-    ratio: str
-    verdict: str
-    source: str
-
-
-def judgements(verdicts: Sequence[Verdict]) -> list[Judgement]:
-    """Return the lines of the datasheet table."""
-    lines = []
-    for verdict in verdicts:
-        measured = verdict.measured
-        role = 'density' if verdict.parameter == 'noise density' else 'B'
-        unit = readable_unit(measured.unit, role, [verdict.typical])
-        typical = Estimate(verdict.typical, None, None, measured.unit).to(unit).value or 0.0
-        ratio = measured.value and measured.value / verdict.typical
-        lines.append(
-            Judgement(
-                verdict.label,
-                verdict.axis,
-                verdict.parameter,
-                text(measured, unit),
-                f'{number(typical, 3)} {unit}',
-                f'{number(ratio, 2)}×' if ratio else '–',
-                verdict.verdict,
-                verdict.source,
-            )
-        )
-    return lines

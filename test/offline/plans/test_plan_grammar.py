@@ -2,6 +2,7 @@
 """Test plans: found by their file, settings refused by name, results shown everywhere alike."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from imu_bench.config.schema import REQUIRED, Setting
@@ -183,6 +184,13 @@ class TestResult:
         assert 'It &lt;i&gt;holds&lt;/i&gt;.' in page
         assert page.count('<script type="application/json" class="figure">') == 3
         assert 'http://' not in page.split('<script>')[0]
+
+    def test_settings_stand_in_units_that_people_use(self):
+        turn = {'value': 2.0 * np.pi, 'unit': 'rad'}
+        page = render(replace(self.result, settings={'turn': turn, 'axis': 'x', 'none': None}))
+        assert '<dt>turn</dt><dd>360.000 °</dd>' in page
+        assert '<dt>axis</dt><dd>x</dd>' in page
+        assert '<dt>none</dt>' not in page
 
     def test_figures_are_written_in_three_formats(self, tmp_path):
         files = write_figures(self.result, tmp_path / 'f')

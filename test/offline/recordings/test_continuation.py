@@ -121,6 +121,10 @@ class TestSmartMotion:
         assert np.diff(recording.samples.stamps).tolist() == [20_000_000] * 99
 
 
+def joined(paths):
+    return grouped(paths, ReadOptions())[1]
+
+
 def series(folder, names, *, starts=None, rate=100.0, n=50, header=HEADER):
     """Return files of a log that goes on."""
     paths = []
@@ -152,7 +156,7 @@ class TestContinuation:
     def test_one_file_named_is_one_file(self, tmp_path):
         paths = series(tmp_path, ('a_1.csv', 'a_2.csv'))
         kept, options = grouped(paths[:1], ReadOptions())
-        assert (kept, options.join) == (paths[:1], False)
+        assert (kept, options.join) == (paths[:1], ())
         assert len(read(kept[0], options)[0]) == 50
 
     @pytest.mark.parametrize('second', [0.0, 0.25, 5.0, -3.0])
@@ -165,6 +169,18 @@ class TestContinuation:
         other = HEADER.replace('linear_acceleration.x', 'linear_acceleration.y')
         paths[1].write_text(paths[1].read_text().replace(HEADER, other))
         assert grouped(paths, ReadOptions())[0] == paths
+
+    def test_only_files_that_were_named_are_joined(self, tmp_path):
+        first = series(tmp_path, ('a_1.csv', 'a_2.csv', 'a_3.csv'))
+        second = series(tmp_path, ('b_1.csv', 'b_2.csv'))
+        kept, options = grouped([*first[:2], second[0]], ReadOptions())
+        assert kept == [first[0], second[0]]
+        assert [len(read(path, options)[0]) for path in kept] == [100, 50]
+
+    def test_what_was_kept_of_others_is_used_again(self, tmp_path):
+        first = series(tmp_path, ('a_1.csv', 'a_2.csv'))
+        [other] = series(tmp_path, ('b.csv',))
+        assert fingerprint(other, joined(first)) == fingerprint(other, ReadOptions())
 
     def test_two_series_in_one_folder(self, tmp_path):
         first = series(tmp_path, ('a_1.csv', 'a_2.csv'))
@@ -181,13 +197,13 @@ class TestContinuation:
     def test_a_line_that_is_no_row_is_told_with_its_file(self, tmp_path):
         paths = series(tmp_path, ('a_1.csv', 'a_2.csv'))
         paths[1].write_text(paths[1].read_text().replace('0.600000,10,1', 'x'))
-        recording, problems = read(paths[0], ReadOptions(join=True))
+        recording, problems = read(paths[0], joined(paths))
         assert len(recording) == 99
         assert problems[-1].endswith('1 lines of the table are no rows and were skipped, the '
                                      'first is its line 11 of a_2.csv')  # fmt: skip
 
     def test_what_was_kept_is_not_used_when_a_later_file_changed(self, tmp_path):
         paths = series(tmp_path, ('a_1.csv', 'a_2.csv'))
-        before = fingerprint(paths[0], ReadOptions(join=True))
+        before = fingerprint(paths[0], joined(paths))
         paths[1].write_text(paths[1].read_text() + '1.0,0,0\n')
-        assert fingerprint(paths[0], ReadOptions(join=True)) != before
+        assert fingerprint(paths[0], joined(paths)) != before

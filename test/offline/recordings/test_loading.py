@@ -5,8 +5,16 @@ from __future__ import annotations
 
 import re
 
+from imu_bench.bags.problems import code_of
 from imu_bench.errors import RecordingError
-from imu_bench.offline.recordings import load, load_all, open_source, read_chunks, ReadOptions
+from imu_bench.offline.recordings import (
+    cache,
+    load,
+    load_all,
+    open_source,
+    read_chunks,
+    ReadOptions,
+)
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
@@ -332,3 +340,22 @@ def test_a_folder_that_is_no_bag_names_what_is_in_it(tmp_path):
 def test_an_impossible_rate_is_refused(rate):
     with pytest.raises(RecordingError, match='the sample rate must be above 0'):
         ReadOptions(rate_hz=rate)
+
+
+def test_what_kind_of_problem_it_is_survives_the_cache(imu_bag, tmp_path, monkeypatch):
+    numbers = np.random.default_rng(1).normal(size=(300, 3))
+    numbers[7, 1] = np.nan
+    path = imu_bag(numbers, numbers)
+    [storage] = path.glob('*.mcap')
+    storage.write_bytes(storage.read_bytes()[:-30])
+    monkeypatch.setattr(cache, 'LARGE', 1)
+    kinds = []
+    for _ in range(2):
+        with cache.columns(path, ReadOptions(), keep=tmp_path / 'kept') as read:
+            kinds.append(
+                [[code_of(words) for words in read.problems]]
+                + [[code_of(words) for words in one.notes] for one in read.recordings]
+            )
+    assert kinds[0] == kinds[1]
+    assert kinds[0][0][0] == 'incomplete'
+    assert kinds[0][1] == ['not_a_number'] * 2

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`imu-bench doctor`: what this machine, and a bench on it, lacks."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from imu_bench.doctor.checkup import Checkup
+    from imu_bench.doctor.load import BusLoad, Share
+    from rich.console import Console
+    from rich.table import Table
+
+DONE, FAULT = 0, 1
+FULL = 0.8
+"""A bus that is busier has no room for a late thread."""
+
+
+def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser(
+        'doctor',
+        help='buses, permissions, who answers; for a bench: what is missing, load of each bus',
+        description='Looks at this machine and says what to do about what is missing. With a '
+        'bench it also predicts the load of each bus and the rates that come out. Registers are '
+        'only read, never written: identity registers, at the addresses the drivers know.',
+    )
+    parser.add_argument('bench', nargs='?', help='a bench of config/benches or a YAML')
+    parser.add_argument('--json', action='store_true', help='for machines')
+    parser.add_argument(
+        '--i2c-hz', type=_hertz, default=0.0, metavar='HZ',
+        help='clock of every I²C bus (default: as the device tree says)',
+    )  # fmt: skip
+    parser.add_argument('--no-probe', action='store_true', help='do not look for unknown chips')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Examine; return 1 if something that the bench needs is missing."""
+    from imu_bench.bench import load_bench
+    from imu_bench.config.location import config_file
+    from imu_bench.doctor.checkup import examine
+
+    config = None
+    if args.bench:
+        name = args.bench if args.bench.endswith('.yaml') else f'benches/{args.bench}.yaml'
+        config = load_bench(config_file(name))
+    found = examine(config, i2c_hz=args.i2c_hz, probe=not args.no_probe)
+    if args.json:
+        print(json.dumps(found.as_json(), ensure_ascii=False, indent=2, allow_nan=False))
+    else:
+        _show(found)
+    return DONE if found.ok else FAULT
+
+
+def _hertz(text: str) -> float:
+    value = float(text)
+    if not 1e3 <= value <= 5e6:
+        raise argparse.ArgumentTypeError(f'{text} Hz is not between 1000 and 5000000')
+    return value
+
+
+def _show(found: Checkup) -> None:
+    from imu_bench.cli.table import console
+
+    out = console()
+    _machine(found, out)
+    if found.buses:
+        _answers(found, out)
+    if found.sensors:
+        _sensors(found, out)
+    for load in found.loads:
+        _load(load, out)
+    if sum(load.name.startswith('emulated') for load in found.loads) > 1:
+        _say(
+            out, 'Emulated sensors that name no bus have a wire each; bus: i2c-1 makes them share.'
+        )
+
+
+def _machine(found: Checkup, out: Console) -> None:
+    if not found.buses:
+        _say(out, 'No I²C, SPI or serial bus on this machine: sensors can only be emulated here.')
+        if 'Raspberry Pi' in found.model:
+            _say(out, 'Put dtparam=i2c_arm=on and dtparam=spi=on into config.txt, then restart.')
+    else:
+        table = _table('Buses', 'device', 'adapter', 'group', 'this user', 'clock')
+        for bus in found.buses:
+            speed = f'{bus.speed_hz / 1e3:g} kHz' if bus.speed_hz else ''
+            allowed = 'may use it' if bus.accessible else 'may NOT open it'
+            table.add_row(bus.device, bus.adapter, bus.group, allowed, speed)
+        out.print(table)
+    for bus in found.buses:
+        if bus.advice:
+            _say(out, f'{bus.device}: {bus.advice}')
+    _say(out, f'Threads that read a sensor: {found.scheduling}.')
+    if found.scheduling_advice:
+        _say(out, f'  Against losses when the machine is busy: {found.scheduling_advice}.')
+
+
+def _answers(found: Checkup, out: Console) -> None:
+    if not found.answers:
+        _say(out, 'Nothing answers that a driver knows.')
+        return
+    table = _table('Who answers', 'device', 'address', 'what', 'drivers')
+    for answer in found.answers:
+        address = '' if answer.address is None else f'0x{answer.address:02X}'
+        table.add_row(answer.device, address, answer.what, ', '.join(answer.drivers))
+    out.print(table)
+
+
+def _sensors(found: Checkup, out: Console) -> None:
+    table = _table('Sensors of the bench', 'sensor', 'behind it', '', 'found')
+    for sensor in found.sensors:
+        table.add_row(sensor.name, sensor.label, 'ok' if sensor.ok else 'MISSING', sensor.found)
+    out.print(table)
+    for sensor in found.sensors:
+        for warning in sensor.warnings:
+            _say(out, f'{sensor.name}: {warning}.')
+
+
+def _load(load: BusLoad, out: Console) -> None:
+    from imu_bench.doctor.checkup import FAST_I2C_HZ
+
+    speed = (
+        f'{load.speed_hz / 1e3:g} kHz' if load.kind != 'serial' else f'{load.speed_hz:.0f} baud'
+    )
+    if load.speed_source == 'USB':
+        speed = 'full speed'
+    title = (
+        f'{load.name}, {speed} ({load.speed_source}): busy {100 * load.busy:.0f} %, '
+        f'{load.bytes_per_s:.0f} bytes/s'
+    )
+    table = _table(
+        title, 'sensor', 'rate Hz', 'predicted', 'read every', 'bytes/s', 'busy', 'FIFO'
+    )
+    for share in load.shares:
+        table.add_row(*_cells(share))
+    out.print(table)
+    for share in load.shares:
+        if not share.keeps_rate:
+            _say(out, f'{share.name} does NOT keep its rate on this bus.')
+    slow = load.kind == 'i2c' and load.busy > FULL
+    if slow and load.speed_hz < FAST_I2C_HZ:
+        _say(
+            out, 'Faster: dtparam=i2c_arm=on,i2c_arm_baudrate=400000 in config.txt, then restart.'
+        )
+    elif slow:
+        _say(out, 'Put a sensor on another bus, on SPI, or lower a rate.')
+
+
+def _cells(share: Share) -> tuple[str, ...]:
+    if not share.has_fifo:
+        depth = 'none'
+    elif math.isinf(share.depth_s):
+        depth = 'over 2 s'
+    else:
+        depth = f'{1e3 * share.depth_s:.0f} ms'
+    return (
+        share.name, f'{share.nominal_hz:g}', f'{share.predicted_hz:.4g}',
+        f'{1e3 * share.look_period_s:.3g} ms', f'{share.bytes_per_s:.0f}',
+        f'{100 * share.busy:.1f} %', depth,
+    )  # fmt: skip
+
+
+def _table(title: str, *columns: str) -> Table:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(
+        title=Text(title, style='bold'), title_justify='left', box=box.SIMPLE_HEAD,
+        pad_edge=False, padding=(0, 1),
+    )  # fmt: skip
+    for name in columns:
+        right = name in ('rate Hz', 'predicted', 'read every', 'bytes/s', 'busy', 'FIFO', 'clock')
+        table.add_column(name, justify='right' if right else 'left')
+    return table
+
+
+def _say(out: Console, words: str) -> None:
+    from imu_bench.cli.table import clean
+    from rich.text import Text
+
+    out.print(Text(clean(words)))

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of the plan `vibration`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.tones import Tone
+from imu_bench.metrology.vibration import crank_frequency, families, Family
+from imu_bench.offline.plans.result import Cell, Column, Table
+from imu_bench.offline.plans.vibrations.comparing import Against, origins, TONES
+from imu_bench.offline.plans.vibrations.measuring import AxisVibration, SensorVibration
+
+LISTED = 6
+"""Tones of an axis in the table; all are in the JSON document."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """
+    All that the plan found.
+
+    Attributes
+    ----------
+    sensors : mapping of str to SensorVibration
+        By label.
+    against : sequence of Against
+    reference : str
+    """
+
+    sensors: Mapping[str, SensorVibration]
+    against: Sequence[Against]
+    reference: str
+    settings: Mapping[str, Any]
+
+    @property
+    def tolerance_hz(self) -> float:
+        """How near to a multiple a tone must be."""
+        resolution: float = self.settings['resolution'][0]
+        return 0.6 * resolution
+
+    @property
+    def reference_tones(self) -> list[Tone]:
+        """Tones of all axes of the reference."""
+        base = self.sensors.get(self.reference)
+        return [] if base is None else [tone for axis in base.axes for tone in axis.tones]
+
+    def folded(self, label: str) -> dict[int, float]:
+        """Return from where tones of a sensor folded, by identity of the tone."""
+        sensor = self.sensors[label]
+        there = origins(sensor, self.reference_tones, self.tolerance_hz)
+        return {id(tone): true for tone, _, true in there}
+
+    def families(self, label: str, axis: AxisVibration) -> tuple[Family, ...]:
+        """Return the harmonic families of an axis, without what folded."""
+        folded = self.folded(label)
+        own = [tone for tone in axis.tones if id(tone) not in folded]
+        return families(own, self.tolerance_hz)
+
+    def crank(self, label: str, axis: AxisVibration) -> Estimate | None:
+        """Return revolutions per second, if there is an engine and it is seen."""
+        cylinders = self.settings['cylinders']
+        groups = self.families(label, axis) if cylinders else ()
+        if not groups:
+            return None
+        return crank_frequency(groups[0].strongest.frequency, cylinders)
+
+
+def tables(found: Found) -> Iterator[Table]:
+    """Yield all tables."""
+    if any(sensor.ride is not None for sensor in found.sensors.values()):
+        yield _rides(found)
+    yield _levels(found)
+    if any(axis.tones for sensor in found.sensors.values() for axis in sensor.axes):
+        yield _tones(found)
+        groups = _families(found)
+        if groups.rows:
+            yield groups
+    if found.against:
+        yield _against(found)
+    yield _ratios(found)
+
+
+def _axes(found: Found) -> Iterator[tuple[str, SensorVibration, AxisVibration]]:
+    for label, sensor in found.sensors.items():
+        for axis in sensor.axes:
+            yield label, sensor, axis
+
+
+def band(sensor: SensorVibration, settings: Mapping[str, Any]) -> str:
+    """Return the pass band of the filters in words."""
+    high = settings['high_pass'][0]
+    if sensor.low_pass is None:
+        return f'above {high:g} Hz'
+    return f'{high:g} Hz to {sensor.low_pass:g} Hz'
+
+
+def _levels(found: Found) -> Table:
+    rows = tuple(
+        (
+            f'{label} {axis.letter}',
+            band(sensor, found.settings),
+            axis.total.rms,
+            axis.band.rms,
+            axis.band.peak,
+            axis.band.peak_to_peak,
+            axis.band.crest_factor,
+            axis.velocity.rms,
+            axis.displacement.peak_to_peak,
+        )
+        for label, sensor, axis in _axes(found)
+    )  # fmt: skip
+    columns = (
+        Column('sensor, axis'), Column('band'), Column('RMS, all', 'm/s²'), Column('RMS', 'm/s²'),
+        Column('peak', 'm/s²'), Column('peak to peak', 'm/s²'), Column('crest factor'),
+        Column('velocity RMS', 'mm/s'), Column('displacement, peak to peak', 'mm'),
+    )  # fmt: skip
+    steps = found.settings['moving_average']
+    averaged = f', after a moving average of {steps} samples' if steps > 1 else ''
+    note = (
+        'Mean, which holds gravity and bias, removed; RMS, all is before any filter. Filters '
+        f'without delay{averaged}. Velocity and displacement are integrals with everything '
+        'slower than the high-pass taken out before and after.'
+    )
+    return Table('Vibration in time', columns, rows, note)
+
+
+def _rides(found: Found) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for label, sensor in found.sensors.items():
+        ride = sensor.ride
+        if ride is None:
+            rows.append((label, *(None,) * 6, sensor.no_ride))
+            continue
+        rows.append(
+            (
+                label, ride.peak_acceleration, ride.smooth_acceleration, ride.peak_velocity,
+                ride.travel, float(ride.time[-1]), ride.closing, '',
+            )
+        )  # fmt: skip
+    columns = (
+        Column('sensor'), Column('highest acceleration', 'm/s²'), Column('smooth', 'm/s²'),
+        Column('highest speed', 'm/s'), Column('way', 'm'), Column('time', 's'),
+        Column('speed taken out', 'm/s'), Column('remark'),
+    )  # fmt: skip
+    note = (
+        'Along gravity, from standstill to standstill. Highest acceleration is a single reading, '
+        'smooth is averaged over 0.25 s. Speed taken out is what the integral would have ended '
+        'with, had the bias been that of the rest on either side; the intervals of speed and way '
+        'count it. An error of the scale of the sensor is not in them.'
+    )
+    return Table('Ride', columns, tuple(rows), note)
+
+
+def _tones(found: Found) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for label, _, axis in _axes(found):
+        groups, crank = found.families(label, axis), found.crank(label, axis)
+        folded = found.folded(label)
+        rows += [
+            (
+                f'{label} {axis.letter}', tone.frequency, tone.amplitude, _multiple(tone, groups),
+                _order(tone, crank, found.tolerance_hz), _kind(tone, folded.get(id(tone))),
+            )
+            for tone in axis.tones[:LISTED]
+        ]  # fmt: skip
+    columns = (
+        Column('sensor, axis'), Column('frequency', 'Hz'), Column('amplitude', 'm/s²'),
+        Column('harmonic'), Column('order'), Column('remark'),
+    )  # fmt: skip
+    note = (
+        'Amplitude is the peak of the sine. Harmonic is the multiple of the fundamental of its '
+        'family, order that of the revolutions of the crank shaft (--set cylinders=). A line '
+        'wider than the resolution wanders, or is a resonance.'
+    )
+    return Table(f'Tones, the {LISTED} strongest', columns, tuple(rows), note)
+
+
+def _multiple(tone: Tone, groups: Sequence[Family]) -> str | None:
+    for number, family in enumerate(groups):
+        for order, member in family.members:
+            if member is tone:
+                return f'{order}' if number == 0 else f'{order} of family {number + 1}'
+    return None
+
+
+def _order(tone: Tone, crank: Estimate | None, tolerance_hz: float) -> float | None:
+    """Return the order, to a half, which is what a four-stroke engine has."""
+    if crank is None or not crank.value:
+        return None
+    twice = round(2.0 * (tone.frequency.value or 0.0) / crank.value)
+    off = abs((tone.frequency.value or 0.0) - 0.5 * twice * crank.value)
+    return 0.5 * twice if twice and off <= tolerance_hz else None
+
+
+def _kind(tone: Tone, folded: float | None) -> str:
+    words = [] if tone.steady else ['wider than the resolution']
+    if folded is not None:
+        words.append(f'{folded:.2f} Hz of the reference, folded')
+    return ', '.join(words)
+
+
+def _families(found: Found) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for label, _, axis in _axes(found):
+        crank = found.crank(label, axis)
+        for number, family in enumerate(found.families(label, axis)):
+            multiples = ', '.join(str(order) for order, _ in family.members)
+            speed = crank.to('rpm') if crank is not None and number == 0 else None
+            strongest = family.strongest.frequency
+            name = f'{label} {axis.letter}'
+            rows.append((name, family.fundamental, multiples, strongest, speed))
+    columns = (
+        Column('sensor, axis'), Column('fundamental', 'Hz'), Column('harmonics seen'),
+        Column('strongest at', 'Hz'), Column('engine speed', 'rpm'),
+    )  # fmt: skip
+    note = (
+        'Engine speed takes the strongest tone of the first family for the firing of a '
+        'four-stroke engine, cylinders/2 per revolution; it needs --set cylinders=.'
+    )
+    return Table('Harmonic families', columns, tuple(rows), note)
+
+
+def _against(found: Found) -> Table:
+    base = found.sensors[found.reference]
+    rows: list[tuple[Cell, ...]] = []
+    for one in found.against:
+        response = one.response
+        tones: list[Cell] = []
+        for place in range(TONES):
+            if place < len(one.gains):
+                tone, gain = one.gains[place]
+                tones += [round(tone.frequency.value or 0.0, 3), gain]
+            else:
+                tones += [None, None]
+        coherent = None if response is None else float(response.coherence.mean())
+        offset: Cell = None if response is None else response.offset
+        rows.append((f'{one.label} {one.letter}', offset, coherent, one.ratio, *tones, one.why))
+    heads = [c for k in range(TONES) for c in (Column(f'tone {k + 1}', 'Hz'), Column('gain'))]
+    columns = (
+        Column('sensor, axis'), Column('late by', 'ms'), Column('mean coherence'),
+        Column('RMS ratio'), *heads, Column('remark'),
+    )  # fmt: skip
+    note = (
+        f'Against {found.reference} ({base.rate_hz:.5g} Hz), axis by axis. Late by holds the '
+        'offset of the clocks and the delay of the filters. Coherence is the mean up to 0.4 times '
+        'the lower rate; it falls where a sensor shows its own noise or what folded back. Gain '
+        'is |H1| at the strongest tones of the reference.'
+    )
+    return Table('Against the reference', columns, tuple(rows), note)
+
+
+def _ratios(found: Found) -> Table:
+    rows = tuple((f'{label} {axis.letter}', *axis.snr) for label, _, axis in _axes(found))
+    columns = (
+        Column('sensor, axis'), Column('before filtering', 'dB'), Column('after filtering', 'dB'),
+    )  # fmt: skip
+    note = (
+        "As MATLAB's snr defines it, which the thesis used: the largest line over all that is "
+        'neither it, nor its next five harmonics, nor constant. Of a motion without a sine, such '
+        'as a lift ride, it tells how much stands out, not how good the sensor is.'
+    )
+    return Table('Signal-to-noise ratio (table 5.9)', columns, rows, note)

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`imu-bench doctor` as a user sees it."""
+
+import json
+
+from imu_bench.cli.main import main
+from imu_bench.doctor import machine
+from imu_bench.doctor.machine import Bus
+import pytest
+
+
+@pytest.fixture
+def bare(monkeypatch):
+    """Give a machine without any bus."""
+    monkeypatch.setattr(machine, 'buses', list)
+
+
+@pytest.fixture
+def sensor_file(tmp_path):
+    """Give what writes a bench of one sensor."""
+
+    def write(**parameters):
+        lines = [f'    {key}: {json.dumps(value)}' for key, value in parameters.items()]
+        text = '\n'.join(['/**:', '  ros__parameters:', *lines])
+        (tmp_path / 'one.yaml').write_text(text + '\n')
+        path = tmp_path / 'bench.yaml'
+        path.write_text('name: small\nsensors:\n  - file: one.yaml\n')
+        return str(path)
+
+    return write
+
+
+def test_a_machine_without_buses_gets_one_clear_statement(bare, capsys):
+    assert main(['doctor']) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith('No I²C, SPI or serial bus on this machine: sensors can only be')
+    assert 'Threads that read a sensor' in shown
+
+
+def test_a_bench_of_emulated_sensors_is_complete_and_has_a_load(bare, capsys, sensor_file):
+    bench = sensor_file(driver='bno055', backend='emulated', bus='i2c-1')
+    assert main(['doctor', bench, '--i2c-hz', '100000']) == 0
+    shown = capsys.readouterr().out
+    assert 'emulated: needs no hardware' in shown
+    assert 'i2c-1, 100 kHz (given): busy 49 %' in shown
+
+
+def test_a_bench_that_lacks_something_is_a_fault_and_says_what_to_do(bare, capsys, sensor_file):
+    bench = sensor_file(driver='mpu9250', backend='hardware', bus='i2c-251')
+    assert main(['doctor', bench]) == 1
+    shown = capsys.readouterr().out
+    assert 'MISSING' in shown
+    assert 'there is no such device' in shown
+    assert 'i2c_arm' in shown
+
+
+def test_a_full_bus_is_said_to_be_full_with_what_helps(bare, capsys, sensor_file):
+    bench = sensor_file(driver='mpu9250', backend='emulated', bus='i2c-1')
+    assert main(['doctor', bench, '--i2c-hz', '50000']) == 0
+    shown = capsys.readouterr().out
+    assert 'one does NOT keep its rate on this bus' in shown
+    assert 'i2c_arm_baudrate=400000' in shown
+
+
+def test_json_is_for_machines(bare, capsys, sensor_file):
+    assert main(['doctor', sensor_file(driver='bno055', backend='emulated'), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found['schema'], found['ok']) == ('imu_bench.doctor/1', True)
+    (share,) = found['loads'][0]['shares']
+    assert (share['nominal_hz'], share['predicted_hz'], share['keeps_rate']) == (100, 100, True)
+
+
+def test_permissions_come_with_what_to_do(monkeypatch, capsys):
+    closed = Bus('/dev/i2c-1', 'i2c', 'bcm2835', 'i2c', False, 100e3)
+    monkeypatch.setattr(machine, 'buses', lambda: [closed])
+    assert main(['doctor']) == 0
+    shown = capsys.readouterr().out
+    assert 'may NOT open it' in shown
+    assert '/dev/i2c-1: sudo usermod -aG i2c $USER' in shown
+
+
+@pytest.mark.parametrize('speed', ['0', 'fast', '-1'])
+def test_an_impossible_clock_is_wrong_usage(speed):
+    with pytest.raises(SystemExit) as caught:
+        main(['doctor', '--i2c-hz', speed])
+    assert caught.value.code == 2
+
+
+def test_a_wrong_bench_is_an_error_in_one_line(capsys):
+    assert main(['doctor', 'no_such_bench']) == 1
+    assert 'no_such_bench' in capsys.readouterr().err

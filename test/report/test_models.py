@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures are what Bokeh would have made of them."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+from bokeh.models import Column, GlyphRenderer
+from imu_bench.offline.analyse import analyse
+from imu_bench.offline.plans.result import Image, PlanFigure, Series
+from imu_bench.offline.recordings import Recording
+from imu_bench.offline.report import checks_figures, figures, plan_figures
+from imu_bench.offline.report.chart import Chart
+from imu_bench.offline.report.models import columns, document, glyph, Model
+from imu_bench.samples import Samples
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope='module')
+def result():
+    rng = np.random.default_rng(7)
+    n = 12_000
+    stamps = np.arange(n) * 10_000_000 + rng.integers(0, 100_000, n)
+    gyro = rng.normal(0.0, 1e-3, (n, 3))
+    gyro[:, 0] += 0.02 * np.sin(2 * np.pi * 12.5 * np.arange(n) / 100.0)
+    gyro[6000:6500, 2] += 0.3
+    fields = {
+        'source': 'night.mcap', 'topic': '/imu', 'samples': Samples(stamps, angular_velocity=gyro),
+        'receive_ns': None, 'frame_id': 'imu_link', 'announced': n, 'stored': n, 'left_out': 0,
+        'notes': (), 'stamp_source': 'header', 'stamp_reason': 'they increase',
+    }  # fmt: skip
+    return analyse(Recording(**fields))
+
+
+@pytest.fixture(scope='module')
+def axes(result):
+    return result.of('angular_velocity')
+
+
+@pytest.mark.parametrize(
+    ('draw', 'kinds'),
+    [
+        (figures.allan, {'VArea', 'Line', 'Scatter', 'MultiLine'}),
+        (figures.spectrum, {'Line', 'Scatter', 'Text'}),
+        (figures.histogram, {'Quad', 'Line'}),
+    ],
+)
+def test_figures_of_axes(axes, read_by_bokeh, draw, kinds):
+    figure = read_by_bokeh(draw(axes))
+    assert {type(drawn.glyph).__name__ for drawn in figure.renderers} == kinds
+    _columns_are_there(figure.renderers)
+
+
+def test_strips_share_their_time(axes, result, read_by_bokeh):
+    column = read_by_bokeh(figures.time_series(axes, result))
+    assert isinstance(column, Column)
+    assert len({strip.x_range.id for strip in column.children}) == 1
+    assert [strip.xaxis[0].visible for strip in column.children] == [False, False, True]
+    shades = column.children[0].center[2:]
+    assert [0 < shade.left < shade.right <= 120 for shade in shades] == [True]
+
+
+def test_figures_of_a_recording(axes, result, read_by_bokeh):
+    _columns_are_there(read_by_bokeh(figures.intervals(result)).renderers)
+    _columns_are_there(read_by_bokeh(checks_figures.noise_over_time(axes, result)).renderers)
+
+
+def test_figures_of_several(result, read_by_bokeh):
+    other = replace(result, topic='/other')
+    arguments = ([result, other], ['one', 'other'], 'angular_velocity')
+    for draw in (figures.compare_allan, figures.compare_spectrum):
+        found = read_by_bokeh(draw(*arguments))
+        assert [item.label.value for item in found.legend[0].items] == ['one', 'other']
+        _columns_are_there(found.renderers)
+
+
+def test_figures_of_plans(read_by_bokeh):
+    x = np.arange(3.0)
+    kinds = ('line', 'step', 'points', 'bars')
+    series = tuple(Series(kind, x, x, kind=kind, low=x - 1, high=x + 1) for kind in kinds)
+    found = read_by_bokeh(
+        plan_figures.draw(PlanFigure('all', 'sensor', 'value', series, categories=('a', 'b', 'c')))
+    )
+    _columns_are_there(found.renderers)
+    assert found.xaxis[0].major_label_overrides == {0: 'a', 1: 'b', 2: 'c'}
+    image = Image(np.array([[1.0, np.nan], [2.0, 3.0]]), (0.0, 1.0), (0.0, 2.0), 'level')
+    found = read_by_bokeh(plan_figures.draw(PlanFigure('map', 'x', 'y', (), image=image)))
+    _columns_are_there(found.renderers)
+    assert found.right[0].color_mapper is found.renderers[0].glyph.color_mapper
+
+
+def test_numbers_are_in_single_precision(read_by_bokeh):
+    chart = Chart('x', 'y')
+    chart.line(columns(x=[1.0, 2.0], y=[0.1, np.nan], word=['a', 'b']), 'x', 'y', 'line')
+    data = read_by_bokeh(chart.finish()).renderers[0].data_source.data
+    assert data['y'].dtype == np.float32
+    assert data['word'] == ['a', 'b']
+    assert np.isnan(data['y'][1])
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [Model('NoSuchModel'), Model('Line', no_such_setting=1), Model('LinearAxis', axis_label=3.5)],
+)
+def test_bokeh_would_complain(read_by_bokeh, wrong):
+    with pytest.raises(
+        (Exception, AssertionError), match=r'NoSuchModel|no_such_setting|axis_label'
+    ):
+        read_by_bokeh(wrong)
+
+
+def test_a_model_used_twice_is_one():
+    shared = columns(x=[1.0])
+    first = SimpleNamespace(renderer=Model('GlyphRenderer', data_source=shared))
+    root = Model('Figure', renderers=[first.renderer, Model('GlyphRenderer', data_source=shared)])
+    one, other = document(root, 'p')[1][0]['attributes']['renderers']
+    assert other['attributes']['data_source'] == {'id': one['attributes']['data_source']['id']}
+    assert glyph('Quad', {'left': 'x'}, bottom=0).settings['bottom'].value == 0
+
+
+def _columns_are_there(renderers):
+    for renderer in renderers:
+        assert isinstance(renderer, GlyphRenderer)
+        named = renderer.glyph.properties_with_values(include_defaults=True).values()
+        fields = {value.field for value in named if hasattr(value, 'field')} | {
+            value['field'] for value in named if isinstance(value, dict) and 'field' in value
+        }
+        assert fields
+        assert fields <= set(renderer.data_source.data)
