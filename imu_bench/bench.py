@@ -14,24 +14,25 @@ from typing import Any, TYPE_CHECKING
 
 from imu_bench import config, drivers
 from imu_bench.acquisition import Acquisition, Device
+from imu_bench.acquisition.correction import correction
 from imu_bench.bus.clock import SystemClock
 from imu_bench.bus.interface import Clock
 from imu_bench.bus.opening import kind_among, open_bus
 from imu_bench.config import BenchConfig, SensorConfig
+from imu_bench.config.faults import Fault, script
 from imu_bench.config.schema import Checkable
 from imu_bench.drivers.driver import Driver
 from imu_bench.errors import ConfigError
-from imu_bench.registers import Channel, Field, Typical
+from imu_bench.registers import Channel, Field, Fifo, Typical
 from imu_bench.units import convert
 
 if TYPE_CHECKING:
+    from imu_bench.emulators.line import Line
     from imu_bench.simulation.scenario import Scenario
     from imu_bench.simulation.simulated import SimulatedSensor
 
 GENERIC = 'generic'
 """Name of the driver that stands in for a sensor that has none yet."""
-
-POWER_UP_S = 0.05
 
 
 def driver_names() -> list[str]:
@@ -76,7 +77,9 @@ def load_sensor(
     ConfigError
         With every problem of the file, one line each.
     """
-    return config.load_sensor(path, name=name, overrides=overrides, settings_of=settings_of)
+    sensor = config.load_sensor(path, name=name, overrides=overrides, settings_of=settings_of)
+    faults_of(sensor)
+    return sensor
 
 
 def load_bench(path: str | Path) -> BenchConfig:
@@ -88,7 +91,44 @@ def load_bench(path: str | Path) -> BenchConfig:
     ConfigError
         With every problem of all files, one line each.
     """
-    return config.load_bench(path, settings_of=settings_of)
+    loaded = config.load_bench(path, settings_of=settings_of)
+    for sensor in loaded.sensors:
+        faults_of(sensor)
+    return loaded
+
+
+def faults_of(sensor: SensorConfig) -> tuple[Fault, ...]:
+    """
+    Return what will go wrong on the wire of an emulated sensor, in the order in which it begins.
+
+    Raises
+    ------
+    ConfigError
+        If a fault cannot happen to this sensor, with those that can.
+
+    Examples
+    --------
+    >>> scripted = {'faults': ('unplugged 10 2',)}
+    >>> faults_of(SensorConfig('left', 'mpu9250', 'emulated', simulation=scripted))
+    (Fault(kind='unplugged', at_s=10.0, for_s=2.0),)
+    """
+    planned = script(sensor.simulation.get('faults', ()))
+    if not planned or sensor.backend != 'emulated':
+        return ()
+    where = f'{sensor.source}.simulation.faults'.lstrip('.')
+    if sensor.driver == GENERIC:
+        raise ConfigError(f'{where}: a generic source has no wire; give a driver, or no faults')
+    from imu_bench.emulators.faults import possible
+
+    kind = kind_of_bus(sensor)
+    allowed = possible(drivers.load(sensor.driver), kind)
+    for fault in planned:
+        if fault.kind not in allowed:
+            raise ConfigError(
+                f'{where}: {fault.kind} cannot happen to a {sensor.driver} on {kind}; '
+                f'allowed: {", ".join(allowed)}'
+            )
+    return planned
 
 
 def label(sensor: SensorConfig) -> str:
@@ -113,6 +153,7 @@ def build(
     *,
     capacity_samples: int | None = None,
     on_data: Callable[[], None] | None = None,
+    switched_on_ns: int | None = None,
 ) -> Acquisition:
     """
     Return the acquisition of a sensor, not started yet.
@@ -124,6 +165,8 @@ def build(
         The computer's own by default.
     capacity_samples, on_data
         As in `imu_bench.acquisition.Acquisition`.
+    switched_on_ns : int, optional
+        From when on the scripted faults of an emulated sensor count; now by default.
 
     Raises
     ------
@@ -135,10 +178,11 @@ def build(
     clock = clock or SystemClock()
     make = _BACKENDS[sensor.backend]
     return Acquisition(
-        make(sensor, clock),
+        make(sensor, clock, switched_on_ns),
         clock,
         capacity_samples=capacity_samples,
         on_data=on_data,
+        correct=correction(sensor.calibration),
         name=sensor.name,
     )
 
@@ -180,7 +224,8 @@ def simulate(sensor: SensorConfig, scenario: Scenario, *, run: int = 0) -> Simul
         )
         for rate in dict.fromkeys(rates.values())
     ]  # fmt: skip
-    return SimulatedSensor(sensor, tuple(sources))
+    angle = typical.get('inclination')
+    return SimulatedSensor(sensor, tuple(sources), angle.resolution if angle else None)
 
 
 def _typical_as_set(driver: Driver) -> dict[str, Typical]:
@@ -195,17 +240,23 @@ def _typical_as_set(driver: Driver) -> dict[str, Typical]:
             continue
         setting = names.get(id(channel.scaled_by), '')
         full_scale = driver.values.get(setting)
-        changed: dict[str, Any] = {'resolution': tuple(channel.resolution(full_scale))}
+        changed: dict[str, Any] = {}
+        if channel.quantised:
+            changed['resolution'] = tuple(channel.resolution(full_scale))
         if channel.scaled_by is not None and isinstance(full_scale, float):
             changed['range'] = convert(full_scale, channel.scaled_by.unit, channel.unit)
         bandwidth = driver.values.get(setting.replace('_range', '_bandwidth'))
         if setting and isinstance(bandwidth, float) and bandwidth > 0.0:
             changed['bandwidth'] = bandwidth
         found[channel.quantity] = replace(found[channel.quantity], **changed)
+    for fifo in driver.declared(Fifo).values():
+        for quantity in set(fifo.frame.dtype.names or ()) & set(found):
+            corner = fifo.low_pass * driver.rate_hz
+            found[quantity] = replace(found[quantity], bandwidth=corner)
     return found
 
 
-def _hardware(sensor: SensorConfig, clock: Clock) -> Device:
+def _hardware(sensor: SensorConfig, clock: Clock, switched_on_ns: int | None = None) -> Device:
     if sensor.driver == GENERIC:
         raise ConfigError(
             f'{sensor.source}.backend: a generic source has no hardware; allowed: emulated'
@@ -215,27 +266,71 @@ def _hardware(sensor: SensorConfig, clock: Clock) -> Device:
     return driver(buses, clock, sensor.settings)
 
 
-def _emulated(sensor: SensorConfig, clock: Clock) -> Device:
+def _emulated(sensor: SensorConfig, clock: Clock, switched_on_ns: int | None = None) -> Device:
     # late: real sensors start without the libraries that simulation needs
-    from imu_bench import emulators
     from imu_bench.simulation import generic
     from imu_bench.simulation.world import sensor_source
 
+    faults = faults_of(sensor)
     if sensor.driver == GENERIC:
         source = sensor_source(sensor, {}, sensor.settings['rate_hz'], clock.now_ns())
         return generic.GenericSensor(source, clock, sensor.settings)
+    buses = emulated_buses(sensor, clock)
     driver = drivers.load(sensor.driver)
-    kinds = driver.bus_kinds
-    kind = sensor.bus if sensor.bus in ('', *kinds) else kind_among(sensor.bus, kinds)
-    # the emulated chip restarts the source at the rate its registers ask for
-    source = sensor_source(sensor, driver.typical, 1.0, clock.now_ns(), on_wire=True)
-    buses = emulators.create(sensor.driver, kind or kinds[0], source, clock)
+    if faults:
+        from imu_bench.emulators.faults import wrap
+
+        buses = wrap(buses, driver, clock, faults, start_ns=switched_on_ns)
     # the emulated chip is switched on here, a real one was long ago
-    clock.sleep(POWER_UP_S)
+    clock.sleep(driver.start_up_s)
     return driver(buses, clock, sensor.settings)
 
 
-def _recorded(sensor: SensorConfig, clock: Clock) -> Device:
+def kind_of_bus(sensor: SensorConfig) -> str:
+    """
+    Return by which of its driver's kinds of bus a sensor is reached.
+
+    Raises
+    ------
+    ConfigError
+        If the name of its bus tells none.
+
+    Examples
+    --------
+    >>> kind_of_bus(SensorConfig('tilt', 'scl3300', 'hardware', bus='spidev0.0'))
+    'frame'
+    """
+    kinds = drivers.load(sensor.driver).bus_kinds
+    kind = sensor.bus if sensor.bus in ('', *kinds) else kind_among(sensor.bus, kinds)
+    return kind or kinds[0]
+
+
+def emulated_buses(
+    sensor: SensorConfig, clock: Clock, line: Line | None = None
+) -> Mapping[str, Any]:
+    """
+    Return the emulated buses of a sensor that has a driver; the chip is switched on now.
+
+    Parameters
+    ----------
+    sensor : SensorConfig
+    clock : Clock
+    line : Line, optional
+        A wire to share; one of its own by default.
+    """
+    from imu_bench import emulators
+    from imu_bench.simulation.world import sensor_source
+
+    driver = drivers.load(sensor.driver)
+    # the emulated chip restarts the source at the rate its registers ask for
+    source = sensor_source(sensor, driver.typical, 1.0, clock.now_ns(), on_wire=True)
+    # a device on a serial line of its own speed was brought to it when it was first used
+    options = {'baud': sensor.settings['baud']} if 'baud' in sensor.settings else {}
+    kind = kind_of_bus(sensor)
+    return emulators.create(sensor.driver, kind, source, clock, line=line, **options)
+
+
+def _recorded(sensor: SensorConfig, clock: Clock, switched_on_ns: int | None = None) -> Device:
     raise ConfigError(
         f'{sensor.source}.backend: recorded sensors cannot be played back; '
         'allowed: hardware, emulated'

@@ -32,7 +32,7 @@ WINDOW_S = 30.0
 BUCKET_S = 0.25
 """Of the readings in a bucket only the one nearest to the line is kept."""
 
-SETTLE_S = 0.5
+SETTLE_S = 0.3
 SETTLE_READINGS = 30
 SETTLE_MOST_S = 1.0
 """Samples are held back at the start and after a loss until so much is known."""

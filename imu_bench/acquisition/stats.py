@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
@@ -59,6 +59,12 @@ class AcquisitionStats:
         Samples that wait to be drained.
     counters : mapping of str to int
         The driver's own counters.
+    errors : mapping of str to int
+        The failures by the name of the error.
+    last_error : str
+        The latest error with its name, also when it is over; empty when there was none.
+    scheduling : str
+        How the operating system treats the thread: see `imu_bench.acquisition.priority`.
     """
 
     state: str
@@ -78,6 +84,9 @@ class AcquisitionStats:
     late: int
     queued: int
     counters: Mapping[str, int]
+    errors: Mapping[str, int] = field(default_factory=dict)
+    last_error: str = ''
+    scheduling: str = ''
 
 
 def error_of(rate: Estimate, nominal_hz: float) -> Estimate:

@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 import threading
 from typing import Protocol
 
+from imu_bench.acquisition.correction import Correct
+from imu_bench.acquisition.priority import raise_priority
 from imu_bench.acquisition.stats import AcquisitionStats, error_of
 from imu_bench.acquisition.streams import (
     CountedStream,
@@ -77,7 +79,9 @@ class Acquisition:
     capacity_samples : int, optional
         Length of the queue; `CAPACITY_S` of samples by default.
     on_data : callable, optional
-        Called from the thread whenever there is something to drain.
+        Called from the thread whenever there is something to drain, or to say.
+    correct : callable, optional
+        Calibration, applied to every run as it is drained.
     name : str
         Of the thread and in error texts.
 
@@ -94,9 +98,11 @@ class Acquisition:
         *,
         capacity_samples: int | None = None,
         on_data: Callable[[], None] | None = None,
+        correct: Correct | None = None,
         name: str = 'sensor',
     ) -> None:
         self.name = name
+        self._correct = correct
         self.on_data = on_data
         self.error: BenchError | None = None
         self._driver = driver
@@ -108,6 +114,9 @@ class Acquisition:
         self._queue: deque[Samples] = deque()
         self._queued = 0
         self._counts: Counter[str] = Counter()
+        self._errors: Counter[str] = Counter()
+        self._last_error = ''
+        self._scheduling = ''
         self._main = main_stream(driver.rate_hz, driver.paced)
         self._beside: dict[tuple[str, ...], PolledStream] = {}
         self._state = 'stopped'
@@ -116,7 +125,7 @@ class Acquisition:
         self._failures_in_row = 0
         self._backoff_s = FIRST_BACKOFF_S
         self._continuity = 0
-        self._heard_ns = 0
+        self._heard_ns = self._looked_ns = 0
         self._base_ns = 0
         self._due_ns = 0
         self._turn = 0
@@ -183,7 +192,7 @@ class Acquisition:
         with self._lock:
             waiting, self._queued = list(self._queue), 0
             self._queue.clear()
-        return waiting
+        return waiting if self._correct is None else [self._correct(run) for run in waiting]
 
     @property
     def stats(self) -> AcquisitionStats:
@@ -209,6 +218,9 @@ class Acquisition:
                 late=self._counts['late'],
                 queued=self._queued,
                 counters=dict(self._driver.counters),
+                errors=dict(self._errors),
+                last_error=self._last_error,
+                scheduling=self._scheduling,
             )
 
     def step(self) -> int:
@@ -223,7 +235,10 @@ class Acquisition:
             else:
                 self._bring_up()
         except BenchError as error:
-            return self._failed(error)
+            due_ns = self._failed(error)
+            if self.on_data is not None:
+                self.on_data()
+            return due_ns
         return self._next_due()
 
     def advance(self, until_ns: int) -> None:
@@ -251,6 +266,7 @@ class Acquisition:
             self.on_data()
 
     def _run(self) -> None:
+        self._scheduling = raise_priority()
         self._begin()
         try:
             while not self._stopping.is_set():
@@ -282,7 +298,7 @@ class Acquisition:
         self._failures_in_row = 0
         self._backoff_s = FIRST_BACKOFF_S
         self._continuity = self._driver.continuity
-        self._heard_ns = self._base_ns = self._clock.now_ns()
+        self._heard_ns = self._looked_ns = self._base_ns = self._clock.now_ns()
         self._turn = 0
 
     def _read(self) -> None:
@@ -311,8 +327,10 @@ class Acquisition:
     def _listen(self, heard: bool) -> None:
         """Notice a chip that answers and yet delivers nothing: it was reset behind our back."""
         now = self._clock.now_ns()
-        if heard:
-            self._heard_ns = now
+        # while nobody looked, as when somebody else held the bus, the chip was not silent
+        away = now - self._looked_ns - round(2e9 * self._driver.poll_period_s)
+        self._heard_ns = now if heard else self._heard_ns + max(away, 0)
+        self._looked_ns = now
         patience_s = max(SILENCE_S, 10 / self._driver.rate_hz, 5 * self._driver.poll_period_s)
         if now - self._heard_ns > patience_s * 1e9:
             self._failures_in_row = RETRIES
@@ -335,6 +353,8 @@ class Acquisition:
         """Count an error; read again, or bring the sensor up again after a pause."""
         with self._lock:
             self.error = error
+            self._last_error = f'{type(error).__name__}: {error}'
+            self._errors[type(error).__name__] += 1
             self._counts['failures'] += 1
             self._failures_in_row += 1
             if self._state == 'running':

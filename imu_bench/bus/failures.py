@@ -27,6 +27,9 @@ _KINDS: dict[int, tuple[type[BusError], str]] = {
     errno.ENOENT: (BusError, ''),
 }
 
+GONE = (errno.ENODEV, errno.ESHUTDOWN)
+"""The device behind an open file is no more; another one may come under its name."""
+
 
 def translate(error: OSError, where: str, *, group: str, enable: str) -> BusError:
     """

@@ -72,6 +72,10 @@ class Lookout:
         self._fresh = False
         return np.array([(last + now) // 2])
 
+    def heard(self) -> None:
+        """Take note that samples came by another way, with stamps of their own."""
+        self._looked_ns = self._heard_ns = self._clock.now_ns()
+
     @property
     def overdue(self) -> bool:
         """Whether the next sample must have been made, whatever the chip's flags say."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 
+from imu_bench.bus.claim import PATIENCE_S
 from imu_bench.bus.daqhat import DaqHat
 from imu_bench.bus.i2c import I2cBus
 from imu_bench.bus.interface import ByteStream, DaqBoard, FrameBus, RegisterBus
@@ -60,7 +61,12 @@ def kind_among(device: str, kinds: tuple[str, ...]) -> str:
 
 
 def open_bus(
-    device: str, wiring: Mapping[str, Wiring], kinds: tuple[str, ...], address: int | None = None
+    device: str,
+    wiring: Mapping[str, Wiring],
+    kinds: tuple[str, ...],
+    address: int | None = None,
+    *,
+    patience_s: float = PATIENCE_S,
 ) -> dict[str, RegisterBus | FrameBus | ByteStream | DaqBoard]:
     """
     Open the bus of every die of a sensor.
@@ -79,6 +85,8 @@ def open_bus(
     address : int, optional
         I²C address of the main die, where it is not the usual one.  Another die follows it:
         it takes the address at the same place of its own list.
+    patience_s : float
+        How long the first transfer waits for another program that uses the chip.
 
     Raises
     ------
@@ -98,7 +106,7 @@ def open_bus(
     try:
         for part, wires in wiring.items():
             if _reachable(kind, wires):
-                buses[part] = _open_one(kind, path, wires, strap, len(buses))
+                buses[part] = _open_one(kind, path, wires, strap, len(buses), patience_s)
     except Exception:
         for bus in buses.values():
             bus.close()
@@ -114,15 +122,15 @@ def _reachable(kind: str, wiring: Wiring) -> bool:
 
 
 def _open_one(
-    kind: str, path: str, wiring: Wiring, strap: int, number: int
+    kind: str, path: str, wiring: Wiring, strap: int, number: int, patience_s: float
 ) -> RegisterBus | FrameBus | ByteStream:
     if kind == 'i2c':
         addresses = wiring.i2c_addresses
-        return I2cBus(path, addresses[min(strap, len(addresses) - 1)], wiring)
+        return I2cBus(path, addresses[min(strap, len(addresses) - 1)], wiring, patience_s)
     if kind == 'serial':
         return SerialPort(path, wiring.serial_baud)
     bus, _, select = path.rpartition('.')
-    frames = SpiFrameBus(f'{bus}.{int(select) + number}', wiring)
+    frames = SpiFrameBus(f'{bus}.{int(select) + number}', wiring, patience_s)
     return frames if kind == 'frame' else SpiRegisterBus(frames, wiring)
 
 

@@ -38,6 +38,15 @@ class Registers:
         self._buses = buses
         self._clock = clock
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The dies that can be reached."""
+        return tuple(self._buses)
+
+    def where(self, register: Register) -> str:
+        """Return the name of the bus on which a register is."""
+        return self._bus(register).name
+
     def burst(self, register: Register, length: int | None = None) -> bytes:
         """Return bytes from a register on; its own size unless a length is given."""
         if register.access == 'wo':

@@ -92,6 +92,8 @@ class SerialPort:
 
     def _failure(self, error: OSError) -> BusError:
         self.close()
+        if error.errno == errno.EAGAIN:  # the lock of another program, flock(2)
+            error = OSError(errno.EBUSY, str(error))
         # pyserial raises its own OSError, often without errno, when the plug is pulled
         if error.errno is None or (self._was_there and error.errno == errno.ENOENT):
             error = OSError(errno.ENODEV, str(error))

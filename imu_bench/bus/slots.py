@@ -134,8 +134,8 @@ class SlotFifo:
         if level > self._depth:
             self._counters['bus_errors'] += 1
             raise BusError(
-                f'{self._level} is {level} of {self._depth}, control 0x{control:02X}; '
-                'check the wiring'
+                f'{self._registers.where(self._control)}: {self._level} is {level} of '
+                f'{self._depth}, control 0x{control:02X}; check the wiring'
             )
         if control != self._running:
             return None

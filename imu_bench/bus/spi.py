@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
-from imu_bench.bus.failures import hardware_library, translate
+from typing import Any
+
+from imu_bench.bus.claim import claim, PATIENCE_S
+from imu_bench.bus.failures import GONE, hardware_library, translate
 from imu_bench.bus.interface import FrameBus
 from imu_bench.bus.wiring import Wiring
+from imu_bench.errors import BusError
 
 _ENABLE = (
     'list the buses with "ls /dev/spidev*"; on a Raspberry Pi put dtparam=spi=on into config.txt'
@@ -16,12 +20,17 @@ class SpiFrameBus:
     """
     A FrameBus: one frame per chip select.
 
+    From the first transfer on the chip is this program's alone; a device file that was gone is
+    opened again when it is used next.
+
     Parameters
     ----------
     path : str
         Such as '/dev/spidev0.0'.
     wiring : Wiring
         Mode and clock.
+    patience_s : float
+        How long to wait for another program that uses the chip.
 
     Raises
     ------
@@ -31,24 +40,45 @@ class SpiFrameBus:
         If the device cannot be opened, with what to do.
     """
 
-    def __init__(self, path: str, wiring: Wiring) -> None:
+    def __init__(self, path: str, wiring: Wiring, patience_s: float = PATIENCE_S) -> None:
         self.name = path
-        periphery = hardware_library('periphery', 'python-periphery')
-        try:
-            self._device = periphery.SPI(path, wiring.spi_mode, wiring.spi_max_hz)
-        except OSError as error:
-            raise translate(error, self.name, group='spi', enable=_ENABLE) from error
+        self._wiring = wiring
+        self._patience_s = patience_s
+        self._library = hardware_library('periphery', 'python-periphery')
+        self._device: Any = None
+        self._claimed = False
+        self._opened()
 
     def transfer(self, frame: bytes) -> bytes:
         """Send a frame; return what the chip sent meanwhile, of the same length."""
+        device = self._opened()
+        if not self._claimed:
+            claim(device.fd, 0, self.name, self._patience_s)
+            self._claimed = True
         try:
-            return bytes(self._device.transfer(frame))
+            return bytes(device.transfer(frame))
         except OSError as error:
-            raise translate(error, self.name, group='spi', enable=_ENABLE) from error
+            if error.errno in GONE:
+                self.close()
+            raise self._failure(error) from error
 
     def close(self) -> None:
         """Release the device."""
-        self._device.close()
+        if self._device is not None:
+            self._device.close()
+            self._device, self._claimed = None, False
+
+    def _opened(self) -> Any:
+        if self._device is None:
+            wiring = self._wiring
+            try:
+                self._device = self._library.SPI(self.name, wiring.spi_mode, wiring.spi_max_hz)
+            except OSError as error:
+                raise self._failure(error) from error
+        return self._device
+
+    def _failure(self, error: OSError) -> BusError:
+        return translate(error, self.name, group='spi', enable=_ENABLE)
 
 
 class SpiRegisterBus:
@@ -76,16 +106,17 @@ class SpiRegisterBus:
 
     def read(self, register: int, length: int) -> bytes:
         """Return `length` bytes from `register` on, in one transaction."""
-        first = register | self._wiring.spi_read | self._burst(length)
+        first = self._first(register, length) | self._wiring.spi_read
         return self._frames.transfer(bytes([first]) + bytes(length))[1:]
 
     def write(self, register: int, data: bytes) -> None:
         """Write bytes from `register` on, in one transaction."""
-        self._frames.transfer(bytes([register | self._burst(len(data))]) + data)
+        self._frames.transfer(bytes([self._first(register, len(data))]) + data)
 
     def close(self) -> None:
         """Release the device."""
         self._frames.close()
 
-    def _burst(self, length: int) -> int:
-        return self._wiring.spi_increment if length > 1 else 0
+    def _first(self, register: int, length: int) -> int:
+        burst = self._wiring.spi_increment if length > 1 else 0
+        return register << self._wiring.spi_shift | burst

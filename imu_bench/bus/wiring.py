@@ -18,12 +18,16 @@ class Wiring:
     i2c_increment : int
         Bit set in the register address of a burst, such as 0x80.
     i2c_max_hz : int
+    i2c_stretches : bool
+        It holds the clock low while it is not ready.
     spi_mode : int
         0 to 3.
     spi_max_hz : int
         0: not on SPI.
     spi_read : int
         Bit set in the first byte of a read.
+    spi_shift : int
+        By how many bits the register address is shifted in the first byte.
     spi_increment : int
         Bit set in the first byte of a burst.
     serial_baud : int
@@ -38,8 +42,10 @@ class Wiring:
     i2c_addresses: tuple[int, ...] = ()
     i2c_increment: int = 0
     i2c_max_hz: int = 400_000
+    i2c_stretches: bool = False
     spi_mode: int = 0
     spi_max_hz: int = 0
     spi_read: int = 0x80
+    spi_shift: int = 0
     spi_increment: int = 0
     serial_baud: int = 0

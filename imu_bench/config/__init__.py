@@ -15,6 +15,7 @@ from imu_bench.config.bench import (
     RECORDER_SETTINGS,
     RecorderConfig,
 )
+from imu_bench.config.calibration import Affine, CALIBRATION_SETTINGS
 from imu_bench.config.schema import parse_quantity, REQUIRED, Setting, suggestion
 from imu_bench.config.sensor import (
     BACKENDS,
@@ -28,10 +29,12 @@ from imu_bench.config.simulated import SIMULATION_SETTINGS
 __all__ = [
     'ANALYSIS_SETTINGS',
     'BACKENDS',
+    'CALIBRATION_SETTINGS',
     'RECORDER_SETTINGS',
     'REQUIRED',
     'SENSOR_SETTINGS',
     'SIMULATION_SETTINGS',
+    'Affine',
     'AnalysisConfig',
     'BenchConfig',
     'RecorderConfig',

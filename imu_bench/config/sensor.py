@@ -9,6 +9,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from imu_bench.config.calibration import Affine, CALIBRATION_SETTINGS, corrections
 from imu_bench.config.files import PARAMETERS, read_parameters
 from imu_bench.config.schema import (
     check_all,
@@ -39,6 +40,7 @@ SENSOR_SETTINGS = (
     Setting('magnetic_field_stddev', 0.0, _STDDEV, bounds=_POSITIVE, unit='T'),
     Setting('orientation_stddev', 0.0, _STDDEV, bounds=_POSITIVE, unit='rad'),
     Setting('autostart', True, 'The node configures and activates itself.'),
+    *CALIBRATION_SETTINGS,
 )
 """What every sensor's file may set."""
 
@@ -72,6 +74,8 @@ class SensorConfig:
         The driver's own settings, by name.
     stddevs : mapping of str to float
         Per quantity of `STDDEVS`, SI units; 0 for unknown.
+    calibration : mapping of str to Affine
+        Correction of each quantity that has one.
     simulation : mapping
         Settings of the simulated world under their names without 'simulation.';
         quantities are tuples in SI units.  Errors that were not given are absent.
@@ -88,6 +92,7 @@ class SensorConfig:
     autostart: bool = True
     settings: Mapping[str, Any] = field(default_factory=dict)
     stddevs: Mapping[str, float] = field(default_factory=dict)
+    calibration: Mapping[str, Affine] = field(default_factory=dict)
     simulation: Mapping[str, Any] = field(default_factory=dict)
     source: str = ''
 
@@ -171,6 +176,7 @@ def sensor_from_parameters(
     values = check_all(given, (*SENSOR_SETTINGS, *SIMULATION_SETTINGS, *own), source, problems)
     if values.get('backend') == 'hardware' and not values.get('bus'):
         problems.append(f"{source}.bus: missing; a hardware sensor needs one, such as 'i2c-1'")
+    calibration = corrections(values, source, problems)
     raise_if_any(problems)
     prefix = 'simulation.'
     return SensorConfig(
@@ -183,6 +189,7 @@ def sensor_from_parameters(
         autostart=values['autostart'],
         settings={setting.name: values[setting.name] for setting in own},
         stddevs={quantity: values[f'{quantity}_stddev'] for quantity in STDDEVS},
+        calibration=calibration,
         simulation={
             key.removeprefix(prefix): value
             for key, value in values.items()

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from math import inf
 from typing import NamedTuple
 
+from imu_bench.config.faults import FAULTS
 from imu_bench.config.schema import Setting
 
 _POSITIVE = (0.0, inf)
@@ -93,6 +94,7 @@ def _rows(name: str, description: str, unit: str) -> Iterator[Setting]:
 SIMULATION_SETTINGS = (
     Setting('simulation.seed', 0, 'Seed; each sensor draws a stream.', bounds=(0, 2**31 - 1)),
     Setting('simulation.scenario', 'still', 'How the bench moves: a scenario or its file.'),
+    FAULTS,
     _quantity('rate_error', "Error of the chip's oscillator.", '1', (-0.2, 0.2), (0.0,)),
     _quantity('roll', 'Tilt of the sensor on the bench about x.', 'rad', default=(0.0,)),
     _quantity('pitch', 'Tilt of the sensor on the bench about y.', 'rad', default=(0.0,)),

@@ -18,13 +18,15 @@ from typing import Any, ClassVar
 from imu_bench.bus.counting import CountingBus
 from imu_bench.bus.interface import ByteStream, Clock, DaqBoard, FrameBus, RegisterBus
 from imu_bench.bus.register_access import Registers
+from imu_bench.bus.updates import Look, Updates
 from imu_bench.bus.wiring import Wiring
 from imu_bench.config.schema import check_all, raise_if_any, Setting
-from imu_bench.errors import IdentityError, NoAnswer
+from imu_bench.errors import BusError, IdentityError, NoAnswer
 from imu_bench.registers import (
     Channel,
     Field,
     Identity,
+    Register,
     RegisterMap,
     Sequence,
     Typical,
@@ -32,10 +34,25 @@ from imu_bench.registers import (
     Witness,
 )
 from imu_bench.samples import Samples
+import numpy as np
+import numpy.typing as npt
 
-__all__ = ['Bus', 'Driver', 'Identity', 'Setting', 'Typical', 'Witness', 'choice']
+__all__ = [
+    'Bus',
+    'Driver',
+    'FifoDriver',
+    'Identity',
+    'PolledDriver',
+    'Setting',
+    'Typical',
+    'Witness',
+    'choice',
+]
 
 Bus = RegisterBus | FrameBus | ByteStream | DaqBoard
+
+COMMON_COUNTERS = ('bus_errors', 'brown_outs', 'restarts', 'saturated')
+"""What every driver counts: a restart is a stream that was begun anew because of a failure."""
 
 
 def choice(name: str, field: Field, default: Value, description: str) -> Setting:
@@ -94,6 +111,8 @@ class Driver(RegisterMap, ABC):
     title: ClassVar[str]
     document: ClassVar[str]
     bus_kinds: ClassVar[tuple[str, ...]]
+    start_up_s: ClassVar[float] = 0.05
+    """From power-up until the chip answers."""
     wiring: ClassVar[Mapping[str, Wiring]]
     identities: ClassVar[tuple[Identity, ...]] = ()
     settings: ClassVar[tuple[Setting, ...]] = ()
@@ -110,7 +129,7 @@ class Driver(RegisterMap, ABC):
         self.values = self.check_settings(settings)
         self.clock = clock
         self.counters: Counter[str] = Counter(
-            dict.fromkeys(('bus_errors', 'brown_outs', 'saturated', *self.counter_names), 0)
+            dict.fromkeys((*COMMON_COUNTERS, *self.counter_names), 0)
         )
         self.continuity = 0
         self.skipped: dict[int, int] = {}
@@ -154,6 +173,11 @@ class Driver(RegisterMap, ABC):
         its own identify, configure, start and stop.
         """
         return wires
+
+    @property
+    def settling_s(self) -> float:
+        """Return how long samples are no good after the sensor itself was without power."""
+        return 0.0
 
     @property
     @abstractmethod
@@ -258,12 +282,19 @@ class Driver(RegisterMap, ABC):
 
         A chip that was without power answers as if nothing had happened, with the wrong range.
         """
+        self.counters['restarts'] += 1
         if self.configured and self.registers.difference(self.assignments()):
             self.counters['brown_outs'] += 1
             self.configured = False
         if not self.configured:
             self.configure()
         self.start()
+
+    def look_after(self, assignments: Mapping[Any, Value]) -> None:
+        """Configure again soon if a part does not hold its settings: a dip resets one die."""
+        if self.registers.difference(assignments):
+            self.counters['brown_outs'] += 1
+            self.configured = False
 
     def stop(self) -> None:
         """Stop the stream."""
@@ -282,3 +313,85 @@ class Driver(RegisterMap, ABC):
         """Release every bus."""
         for wire in self._wires.values():
             wire.close()
+
+
+class PolledDriver(Driver):
+    """
+    Base for a chip that overwrites its registers and does not say when: `imu_bench.bus.updates`.
+
+    Attributes
+    ----------
+    updates : Updates
+        Takes each sample once.
+    """
+
+    counter_names: ClassVar[tuple[str, ...]] = ('repeated', 'lost_samples')
+
+    def __init__(
+        self, bus: Bus | Mapping[str, Bus], clock: Clock, settings: Mapping[str, object]
+    ) -> None:
+        super().__init__(bus, clock, settings)
+        self.updates = Updates(self.rate_hz)
+
+    @property
+    def poll_period_s(self) -> float:
+        """Return less than a period by what acquisition varies it, so that nothing is missed."""
+        return 0.65 / self.rate_hz
+
+    def start(self) -> None:
+        """Start the stream."""
+        super().start()
+        self.updates.begin()
+
+    def look(self, row: Any, before_ns: int, after_ns: int, words: bytes) -> Look:
+        """Look for new samples and count; of those that are missing the acquisition learns."""
+        look = self.updates.look(row, before_ns, after_ns, words)
+        self.counters.update(repeated=look.repeated, lost_samples=look.skipped)
+        if look.lost_track:
+            self.continuity += 1
+        elif look.skipped:
+            self.skipped[0] = look.skipped
+        return look
+
+
+class FifoDriver(Driver):
+    """
+    Base for a chip that keeps samples until they are read.
+
+    Attributes
+    ----------
+    torn : bool
+        A burst was begun and not taken out whole: nobody knows where in a sample the next one
+        would begin, so that the stream has to be begun anew.
+    """
+
+    torn = False
+
+    def start(self) -> None:
+        """Start the stream."""
+        super().start()
+        self.torn = False
+
+    def latch(self, register: Register, length: int | None = None) -> tuple[bytes, int]:
+        """Return bytes that hold the level, and the host's time when it was latched."""
+        before = self.clock.now_ns()
+        data = self.registers.burst(register, length)
+        return data, (before + self.clock.now_ns()) // 2
+
+    def check_level(self, register: Register, level: int, capacity: int) -> None:
+        """
+        Refuse a level that no FIFO of such a size can have.
+
+        Raises
+        ------
+        BusError
+        """
+        if level > capacity:
+            self.counters['bus_errors'] += 1
+            where = self.registers.where(register)
+            raise BusError(f'{where}: {register.name} {level} of {capacity}; check the wiring')
+
+    def stamps(self, latched_ns: int, n: int) -> npt.NDArray[np.int64]:
+        """Return the times of n samples, the last one made when the level was latched."""
+        ages = np.arange(n - 1, -1, -1) * (1e9 / self.rate_hz)
+        return np.asarray(latched_ns - np.rint(ages).astype(np.int64))

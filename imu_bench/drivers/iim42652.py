@@ -15,8 +15,8 @@ from imu_bench.bus.banked import BankedBus
 from imu_bench.bus.framing import fifo_packets
 from imu_bench.bus.interface import Clock, RegisterBus
 from imu_bench.bus.wiring import Wiring
-from imu_bench.drivers.driver import choice, Driver, Identity, Setting, Typical, Witness
-from imu_bench.errors import BusError, ConfigError, FrameError
+from imu_bench.drivers.driver import choice, FifoDriver, Identity, Setting, Typical, Witness
+from imu_bench.errors import ConfigError, FrameError
 from imu_bench.registers import Codes, Field, Register, Scalar, Until, Value, Vector, Wait, Write
 from imu_bench.samples import Samples
 from imu_bench.units import DEGREE, STANDARD_GRAVITY
@@ -38,7 +38,7 @@ BANDWIDTHS = {
 ACCELERATION_20, ANGULAR_VELOCITY_20 = G / 32768, DEGREE / 262
 
 
-class Iim42652(Driver):
+class Iim42652(FifoDriver):
     """TDK InvenSense IIM-42652, FIFO bursts of 16 or 20 bits, through I²C or SPI."""
 
     # --- document and identity -----------------------------------------------------------
@@ -249,11 +249,9 @@ class Iim42652(Driver):
         super().__init__(bus, clock, settings)
         self._bits = int(self.values['fifo_bits'])
         self._packet_bytes = fifo_packets.PACKETS[self._bits].itemsize
-        self._period_ns = 1e9 / self.rate_hz
         # 16 bits of 1 µs wrap before a sample at 12.5 Hz is over
         self._tick_us = 1 if self.rate_hz >= 500.0 else 16
         self._continuity = fifo_packets.Continuity(self.rate_hz, self._tick_us)
-        self._torn = False
 
     @classmethod
     def check_settings(cls, given: Mapping[str, object]) -> dict[str, Value]:
@@ -317,21 +315,15 @@ class Iim42652(Driver):
         super().start()
         self.registers.word(self.INT_STATUS)
         self._continuity.restart()
-        self._torn = False
 
     def read(self) -> list[Samples]:
         """Return everything new; nothing that was in the FIFO when it ran over."""
-        if self._torn or not self.configured:
+        if self.torn or not self.configured:
             self.restart()
-        before = self.clock.now_ns()
-        head = self.registers.burst(self.INT_STATUS, 1 + self.FIFO_COUNT.size)
-        latched = (before + self.clock.now_ns()) // 2
+        head, latched = self.latch(self.INT_STATUS, 1 + self.FIFO_COUNT.size)
         status, count = head[0], self.FIFO_COUNT.unpack(head[1:])
-        if count > FIFO_BYTES + 2 * self._packet_bytes:
-            self.counters['bus_errors'] += 1
-            name = self._wires[''].name
-            raise BusError(f'{name}: FIFO_COUNT {count} of {FIFO_BYTES}; check the wiring')
-        self._torn = True  # until the burst has been taken out whole
+        self.check_level(self.FIFO_COUNT, count, FIFO_BYTES + 2 * self._packet_bytes)
+        self.torn = True  # until the burst has been taken out whole
         if status & self.reset_done.mask:
             self.restart()
             return []
@@ -340,7 +332,7 @@ class Iim42652(Driver):
         packets = self._burst(count // self._packet_bytes)
         if not self._continuity.take(packets['timestamp']):
             return self._overflow()
-        self._torn = False
+        self.torn = False
         return self._samples(packets, latched)
 
     def _overflow(self) -> list[Samples]:
@@ -360,8 +352,7 @@ class Iim42652(Driver):
             raise FrameError(f'{name}: {error}; the FIFO will be emptied') from error
 
     def _samples(self, packets: np.ndarray, latched: int) -> list[Samples]:
-        ages = np.arange(len(packets) - 1, -1, -1) * self._period_ns
-        stamps = latched - np.rint(ages).astype(np.int64)
+        stamps = self.stamps(latched, len(packets))
         invalid = fifo_packets.invalid(packets)
         if invalid.any():
             self.counters['invalid'] += int(invalid.sum())

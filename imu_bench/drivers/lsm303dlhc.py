@@ -332,9 +332,8 @@ class Lsm303dlhc(Driver):
         if data and self._is_new(data):
             self._last_field = data
             return self._fields(data, self.registers.bytewise(self.TEMP_OUT_M))
-        if self._field.silent and self.registers.difference(self._magnetometer_assignments()):
-            self.counters['brown_outs'] += 1
-            self.configured = False
+        if self._field.silent:
+            self.look_after(self._magnetometer_assignments())
         return self._field.pass_by()
 
     def _is_new(self, data: bytes) -> bool:

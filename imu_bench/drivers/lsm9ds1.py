@@ -394,7 +394,6 @@ class Lsm9ds1(Driver):
             self.counters['saturated'] += int(self.magnetic_field.saturated(words).sum())
             field = self.magnetic_field.decode(words, self.values['magnetometer_range'])
             return [Samples(stamps, magnetic_field=field)]
-        if self._field.silent and self.registers.difference(self._magnetometer_assignments()):
-            self.counters['brown_outs'] += 1
-            self.configured = False
+        if self._field.silent:
+            self.look_after(self._magnetometer_assignments())
         return self._field.pass_by()

@@ -9,12 +9,14 @@ magnetometer AK8963 MS1356-E-02 (AK).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, ClassVar
 
 from imu_bench.bus.auxiliary import AuxiliaryBus
 from imu_bench.bus.interface import Clock, RegisterBus
+from imu_bench.bus.lookout import Lookout
 from imu_bench.bus.wiring import Wiring
-from imu_bench.drivers.driver import choice, Driver, Identity, Setting, Typical, Witness
+from imu_bench.drivers.driver import choice, FifoDriver, Identity, Setting, Typical, Witness
 from imu_bench.errors import BusError, NoAnswer
 from imu_bench.registers import Codes, Field, Frame, Register, Scalar, Value, Vector, Wait, Write
 from imu_bench.samples import Samples
@@ -27,7 +29,7 @@ FIFO_BYTES = 512  # PS section 4.17
 WHOLE_RATES = tuple(1000.0 / n for n in range(1, 256) if 1000 % n == 0)
 
 
-class Mpu9250(Driver):
+class Mpu9250(FifoDriver):
     """InvenSense MPU-9250, FIFO bursts, through I²C or SPI."""
 
     # --- document and identity -----------------------------------------------------------
@@ -247,19 +249,17 @@ class Mpu9250(Driver):
     # --- the stream ----------------------------------------------------------------------
     def __init__(self, bus: Any, clock: Clock, settings: Mapping[str, object]) -> None:
         super().__init__(bus, clock, settings)
-        rate = float(self.values['magnetometer_rate_hz'])
-        self._has_magnetometer = rate != 0.0
+        self._field = Lookout(clock, float(self.values['magnetometer_rate_hz']))
+        rate = self._field.rate_hz
         self._rates_hz = {'magnetic_field': rate} if rate else {}
-        self._in_fifo = self._has_magnetometer and MAG not in self._wires
+        self._mode = {self.magnetometer_mode: rate, self.magnetometer_bits: 16}
+        self._in_fifo = rate > 0.0 and MAG not in self._wires
         inertial = (self.acceleration, self.temperature, self.angular_velocity)
         behind = (self.ST1, self.magnetic_field, self.ST2)
         self._frame = Frame(*inertial, *(behind if self._in_fifo else ()))
         self._magnetometer_frame = Frame(*behind)
-        self._period_ns = 1e9 / self.rate_hz
         fields = (max(0.8 / r - 1 / self.rate_hz, 0.6 / r) for r in self._rates_hz.values())
         self._poll_s = min(FIFO_BYTES // self._frame.size / 4 / self.rate_hz, *fields, 0.25)
-        self._magnetometer_seen_ns = 0
-        self._torn = False
 
     def register_buses(self, wires: Mapping[str, Any]) -> Mapping[str, RegisterBus]:
         """Return the bus of the chip, and that of the magnetometer: bypass, or slave 4."""
@@ -293,7 +293,7 @@ class Mpu9250(Driver):
 
     def configure_parts(self) -> None:
         """Configure the magnetometer and fetch its sensitivity."""
-        if self._has_magnetometer:
+        if self._field.rate_hz:
             try:
                 self._configure_magnetometer()
             except NoAnswer as error:
@@ -308,9 +308,8 @@ class Mpu9250(Driver):
         # AK section 8.3.11
         self.trims['magnetic_field'] = (adjust - 128.0) * 0.5 / 128.0 + 1.0
         registers.run(self.magnetometer_off_steps)
-        mode = {self.magnetometer_mode: self.values['magnetometer_rate_hz']}
-        registers.write(mode)
-        registers.verify({**mode, self.magnetometer_bits: 16})
+        registers.write({self.magnetometer_mode: self._field.rate_hz})
+        registers.verify(self._mode)
         if self._in_fifo:
             registers.run(self.cyclic_steps)
 
@@ -320,34 +319,29 @@ class Mpu9250(Driver):
         channels = {self.fifo_temperature: 1, self.fifo_gyroscope: 7, self.fifo_accelerometer: 1}
         self.registers.write({**channels, self.fifo_slave0: int(self._in_fifo)})
         self.registers.word(self.INT_STATUS)
-        self._magnetometer_seen_ns = self.clock.now_ns()
-        self._torn = False
+        self._field.begin()
 
     def read(self) -> list[Samples]:
         """Return everything new; nothing that was in the FIFO when it ran over."""
-        if self._torn or not self.configured:
+        if self.torn or not self.configured:
             self.restart()
-        before = self.clock.now_ns()
-        count = self.registers.word(self.FIFO_COUNT)
-        latched = (before + self.clock.now_ns()) // 2
-        if count > FIFO_BYTES:
-            self.counters['bus_errors'] += 1
-            name = self._wires[''].name
-            raise BusError(f'{name}: FIFO_COUNT {count} of {FIFO_BYTES}; check the wiring')
-        self._torn = True  # until the burst has been taken out whole
+        level, latched = self.latch(self.FIFO_COUNT)
+        count = self.FIFO_COUNT.unpack(level)
+        self.check_level(self.FIFO_COUNT, count, FIFO_BYTES)
+        self.torn = True  # until the burst has been taken out whole
         whole = count - count % self._frame.size
         data = self.registers.burst(self.FIFO_R_W, whole) if whole else b''
         if not self._sound(count):
             return []
-        self._torn = False
+        self.torn = False
         words = self._frame.unpack(data)
-        ages = np.arange(len(words) - 1, -1, -1) * self._period_ns
-        stamps = latched - np.rint(ages).astype(np.int64)
+        stamps = self.stamps(latched, len(words))
         runs = [self._inertial(words, stamps)] if len(words) else []
-        if self._in_fifo:
-            runs += self._magnetic(words, stamps)
-        elif self._has_magnetometer:
-            runs += self._poll_magnetometer()
+        if self._field.rate_hz:
+            with suppress(BusError):  # counted by the bus; what the FIFO gave is delivered
+                runs += self._behind(words, stamps) if self._in_fifo else self._beside()
+                if self._field.silent:
+                    self.look_after(self._mode)
         return runs
 
     def _sound(self, count: int) -> bool:
@@ -375,26 +369,29 @@ class Mpu9250(Driver):
             temperature=self.temperature.decode(words['temperature']),
         )
 
-    def _poll_magnetometer(self) -> list[Samples]:
+    def _beside(self) -> list[Samples]:
         """Read the magnetometer through the bypass; it was ready some time since the last look."""
-        last, now = self._magnetometer_seen_ns, self.clock.now_ns()
-        try:
-            data = self.registers.burst(self.ST1, self._magnetometer_frame.size)
-        except BusError:  # counted by the bus; the samples of the main die are not thrown away
-            return []
-        self._magnetometer_seen_ns = now
+        data = self.registers.burst(self.ST1, self._magnetometer_frame.size)
         if not data[0] & self.magnetometer_ready.mask:
-            return []
-        return self._magnetic(self._magnetometer_frame.unpack(data), np.array([(last + now) // 2]))
+            return self._field.pass_by()
+        stamps = self._field.found(bool(data[0] & self.magnetometer_overrun.mask))
+        self.counters['magnetometer_lost'] = self._field.lost
+        return self._magnetic(self._magnetometer_frame.unpack(data), stamps)
+
+    def _behind(self, words: np.ndarray, stamps: np.ndarray) -> list[Samples]:
+        """Return what slave 0 has put into the FIFO: ST1 says new or lost."""
+        status = words['ST1']
+        new = status & self.magnetometer_ready.mask != 0
+        lost = np.count_nonzero(status & self.magnetometer_overrun.mask)
+        self.counters['magnetometer_lost'] += int(lost)
+        if new.any():
+            self._field.heard()
+        return self._magnetic(words[new], stamps[new])
 
     def _magnetic(self, words: np.ndarray, stamps: np.ndarray) -> list[Samples]:
-        """Return the new and valid ones; ST1 says new or lost, ST2 says too strong."""
-        new = words['ST1'] & self.magnetometer_ready.mask != 0
-        lost = words['ST1'] & self.magnetometer_overrun.mask != 0
-        strong = new & (words['ST2'] & self.magnetometer_overflow.mask != 0)
-        self.counters['magnetometer_lost'] += int(lost.sum())
+        """Return those that were not too strong: ST2."""
+        strong = words['ST2'] & self.magnetometer_overflow.mask != 0
         self.counters['magnetometer_overflows'] += int(strong.sum())
-        good = new & ~strong
         trim = self.trims['magnetic_field']
-        field = self.magnetic_field.decode(words['magnetic_field'][good], trim=trim)
-        return [Samples(stamps[good], magnetic_field=field)] if good.any() else []
+        field = self.magnetic_field.decode(words['magnetic_field'][~strong], trim=trim)
+        return [Samples(stamps[~strong], magnetic_field=field)] if len(field) else []

@@ -159,6 +159,11 @@ class Mtn1100(ADS, Driver):
         return {Ads1115.part: wires['']} if _kind_of(wires['']) == 'i2c' else {}
 
     @property
+    def settling_s(self) -> float:
+        """Return how long the coupling charges when the sensor is fed."""
+        return self._converter.settling_s
+
+    @property
     def rate_hz(self) -> float:
         """Return the sample rate."""
         return self._converter.rate_hz

@@ -97,13 +97,14 @@ class Ads1115Chip(EmulatedChip):
         whole = int((now_ns - self._begun_ns) / self._period_ns)
         if whole < 1:
             return
+        continuous = self._value(Ads1115Registers.ads1115_mode) == 'continuous'
+        whole = whole if continuous else 1
         end = self._begun_ns + round(whole * self._period_ns)
         window = (self._stamps > end - self._period_ns) & (self._stamps <= end)
         if window.any():
             mean = self._values[window].mean(axis=0, keepdims=True)
             range_ = self._value(Ads1115Registers.ads1115_range)
             self._result = int(self._channel.encode(mean, range_)[0])  # type: ignore[arg-type]
-        continuous = self._value(Ads1115Registers.ads1115_mode) == 'continuous'
         self._begun_ns = end if continuous else None
         self._forget(end)
 

@@ -4,81 +4,47 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 import math
 from typing import Any
 
 from imu_bench.bus.interface import Clock
+from imu_bench.config.faults import Fault, KINDS, ONCE, ONLY_ON
 from imu_bench.drivers.driver import Driver
-from imu_bench.errors import BusBusy, BusError, ConfigError, NoAnswer, PermissionDenied
+from imu_bench.errors import BusBusy, BusError, NoAnswer, PermissionDenied
 import numpy as np
 
-KINDS = {
-    'no_answer': 'a wire is open; the chip keeps its supply',
-    'unplugged': 'no answer, and afterwards the chip is at its reset values',
-    'stuck': 'a data line is held low, or the clock stretched without end',
-    'permission_denied': 'the device may not be opened any more',
-    'wrong_identity': 'another chip answers',
-    'brown_out': 'the chip is back at its reset values, silently',
-    'stall': 'somebody else holds the bus for the time given: FIFOs run over',
-    'garbage': 'what is read is noise',
-    'bit_error': 'one bit of what is read is wrong, once',
-    'bit_errors': 'a bit of every transfer is wrong',
-}
-"""Every fault there is, and what it stands for."""
-
+STRETCH_S = 0.035
+"""So long a clock may be held low: SMBus 3.1, table 2, T_TIMEOUT, the largest."""
 
 _OPEN = {'no_answer', 'unplugged'}
+_REPLUGGED = {'unplugged', 'wrong_identity'}
 _FLIPS = {'bit_error', 'bit_errors'}
 _ERRORS: dict[str, tuple[type[BusError], str]] = {
     'permission_denied': (PermissionDenied, 'this user may not open it'),
-    'stuck': (BusBusy, 'a line is stuck or the clock stretched too long'),
+    'stuck': (BusBusy, 'a line is stuck; check pull-ups and power'),
+    'stretched': (
+        BusBusy,
+        f'the clock was stretched for more than {STRETCH_S * 1e3:g} ms; lower the speed',
+    ),
     **dict.fromkeys(_OPEN, (NoAnswer, 'nothing answers; check power, wiring and address')),
 }
 
 
-@dataclass(frozen=True)
-class Fault:
+class FaultyWire:
     """
-    One fault.
-
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    at_s : float
-        Start, in seconds after the bus was made.
-    for_s : float
-        Duration; brown_out happens once whatever it says.
-
-    Raises
-    ------
-    ConfigError
-        If the kind is not known.
-    """
-
-    kind: str
-    at_s: float = 0.0
-    for_s: float = math.inf
-
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ConfigError(f'fault {self.kind!r} is not known; there are {", ".join(KINDS)}')
-
-
-class FaultyBus:
-    """
-    A RegisterBus around an emulated one that plays faults.
+    What is common to every kind of wire that plays faults.
 
     Parameters
     ----------
-    bus : EmulatedBus or EmulatedFrameBus
+    bus : EmulatedBus, EmulatedFrameBus, EmulatedStream or emulated board
     clock : Clock
     faults : iterable of Fault
     identity : iterable of int
         Numbers of the registers that 'wrong_identity' changes.
     seed : int
         Of the noise of 'garbage'.
+    start_ns : int, optional
+        When the sensor was switched on; now by default.
     """
 
     def __init__(
@@ -88,13 +54,15 @@ class FaultyBus:
         faults: Iterable[Fault] = (),
         identity: Iterable[int] = (),
         seed: int = 0,
+        start_ns: int | None = None,
     ) -> None:
         self.name = bus.name
         self._bus = bus
         self._clock = clock
-        self._start_ns = clock.now_ns()
+        self._start_ns = clock.now_ns() if start_ns is None else start_ns
         self._faults = list(faults)
         self._done: set[Fault] = set()
+        self._swapped: set[float] = set()
         self._identity = frozenset(identity)
         self._noise = np.random.default_rng(seed)
 
@@ -110,21 +78,6 @@ class FaultyBus:
             for fault in self._faults
             if fault not in self._done
         ]
-
-    def read(self, register: int, length: int) -> bytes:
-        """Return what the chip answers, or what the fault makes of it."""
-        kinds = self._play()
-        if not kinds.isdisjoint(_OPEN):
-            return b'\xff' * length
-        data = self._bus.read(register, length)
-        if 'wrong_identity' in kinds and register in self._identity:
-            return bytes(byte ^ 0x1E for byte in data)
-        return self._disturbed(data, kinds)
-
-    def write(self, register: int, data: bytes) -> None:
-        """Write, unless the fault prevents it."""
-        if self._play().isdisjoint(_OPEN):
-            self._bus.write(register, data)
 
     def close(self) -> None:
         """Release the device."""
@@ -151,23 +104,55 @@ class FaultyBus:
             over = now >= fault.at_s + fault.for_s
             if fault.kind == 'stall':
                 self._clock.sleep(max(fault.at_s + fault.for_s - now, 0.0))
-                over = True
-            elif fault.kind == 'brown_out' or (fault.kind == 'unplugged' and over):
-                self._bus.chip.power_up(self._clock.now_ns())
-                over = True
-            elif not over:
-                active.add(fault.kind)
-                over = fault.kind == 'bit_error'
-            if over:
+            elif fault.kind == 'brown_out':
+                self._power_up(fault.at_s)
+            else:
+                self._swap(fault, over)
+                if not over:
+                    active.add(fault.kind)
+            if over or fault.kind in ONCE or fault.kind == 'stall':
                 self._done.add(fault)
         for kind in sorted(active & set(_ERRORS)):
             if kind not in _OPEN or self._bus.acknowledges:
+                if kind == 'stretched':
+                    self._clock.sleep(STRETCH_S)
                 error, text = _ERRORS[kind]
                 raise error(f'{self.name}: {text}')
         return active
 
+    def _swap(self, fault: Fault, over: bool) -> None:
+        """Switch on what is plugged in: another chip where there was one, or the right one."""
+        if fault.kind == 'wrong_identity' and fault.at_s not in self._swapped:
+            self._swapped.add(fault.at_s)
+            if fault.at_s > 0.0:
+                self._power_up(fault.at_s)
+        if over and fault.kind in _REPLUGGED:
+            self._power_up(fault.at_s + fault.for_s)
 
-class FaultyFrames(FaultyBus):
+    def _power_up(self, at_s: float) -> None:
+        self._bus.chip.power_up(self._start_ns + round(at_s * 1e9))
+
+
+class FaultyBus(FaultyWire):
+    """A RegisterBus around an emulated one that plays faults."""
+
+    def read(self, register: int, length: int) -> bytes:
+        """Return what the chip answers, or what the fault makes of it."""
+        kinds = self._play()
+        if not kinds.isdisjoint(_OPEN):
+            return b'\xff' * length
+        data = self._bus.read(register, length)
+        if 'wrong_identity' in kinds and register in self._identity:
+            return bytes(byte ^ 0x1E for byte in data)
+        return self._disturbed(data, kinds)
+
+    def write(self, register: int, data: bytes) -> None:
+        """Write, unless the fault prevents it."""
+        if self._play().isdisjoint(_OPEN):
+            self._bus.write(register, data)
+
+
+class FaultyFrames(FaultyWire):
     """A FrameBus around an emulated one that plays faults."""
 
     def transfer(self, frame: bytes) -> bytes:
@@ -179,7 +164,54 @@ class FaultyFrames(FaultyBus):
         return self._disturbed(bytes(self._bus.transfer(frame)), kinds)
 
 
-class FaultyBoard(FaultyBus):
+class FaultyStream(FaultyWire):
+    """A ByteStream around an emulated one that plays faults."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._awaited: set[str] = set()
+
+    @property
+    def baud(self) -> int:
+        """Speed of this end of the line."""
+        return int(self._bus.baud)
+
+    @baud.setter
+    def baud(self, baud: int) -> None:
+        self._bus.baud = baud
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what the device sent, or what the fault makes of it."""
+        kinds = self._play()
+        if not kinds.isdisjoint(_OPEN):
+            deadline = self._clock.now_ns() + round(timeout_s * 1e9)
+            self._bus.read(0.0)
+            self._clock.sleep_until(deadline)
+            self._bus.read(0.0)
+            return b''
+        self._bus.chip.foreign = 'wrong_identity' in kinds
+        data = bytes(self._bus.read(timeout_s))
+        # what happens once happens to bytes, and waits for some
+        kinds |= self._awaited
+        self._awaited = set() if data else kinds & ONCE
+        return self._torn(self._disturbed(data, kinds), kinds) if data else data
+
+    def write(self, data: bytes) -> None:
+        """Send, unless the fault prevents it."""
+        if self._play().isdisjoint(_OPEN):
+            self._bus.write(data)
+
+    def _torn(self, data: bytes, kinds: set[str]) -> bytes:
+        """Cut out a byte in the middle, or all from the middle of a frame to near its end."""
+        middle = len(data) // 2
+        if 'dropped_byte' in kinds:
+            return data[:middle] + data[middle + 1 :]
+        if 'half_frame' in kinds:
+            return data[:middle] + data[middle + min(40, len(data) // 3 + 1) :]
+        return data
+
+
+class FaultyBoard(FaultyWire):
     """A DaqBoard around an emulated one that plays faults."""
 
     def __getattr__(self, name: str) -> Any:
@@ -193,10 +225,31 @@ class FaultyBoard(FaultyBus):
         return played
 
 
-def _around(bus: Any) -> type[FaultyBus]:
+def _around(bus: Any) -> type[FaultyWire]:
     if hasattr(bus, 'scan'):
         return FaultyBoard
+    if hasattr(bus, 'baud'):
+        return FaultyStream
     return FaultyFrames if hasattr(bus, 'transfer') else FaultyBus
+
+
+def possible(driver: type[Driver], bus_kind: str) -> tuple[str, ...]:
+    """
+    Return the kinds of fault that can happen to a sensor on a kind of bus.
+
+    Examples
+    --------
+    >>> from imu_bench.drivers import load
+    >>> [kind for kind in KINDS if kind not in possible(load('mpu9250'), 'spi')]
+    ['stretched', 'dropped_byte', 'half_frame']
+    """
+    # a device on a serial line without registers says in a message what it is
+    named = bool(driver.identities) or bus_kind == 'serial'
+    return tuple(
+        kind
+        for kind in KINDS
+        if bus_kind in ONLY_ON.get(kind, (bus_kind,)) and (named or kind != 'wrong_identity')
+    )
 
 
 def wrap(
@@ -205,8 +258,23 @@ def wrap(
     clock: Clock,
     faults: Iterable[Fault] = (),
     seed: int = 0,
+    start_ns: int | None = None,
 ) -> dict[str, Any]:
-    """Return the buses of a sensor with the same faults on each of its dies."""
+    """
+    Return the buses of a sensor with the same faults on each of its dies.
+
+    Parameters
+    ----------
+    buses : mapping of str to bus
+        As `imu_bench.emulators.create` makes them.
+    driver : type of Driver
+    clock : Clock
+    faults : iterable of Fault
+    seed : int
+        Of the noise of 'garbage'.
+    start_ns : int, optional
+        When the sensor was switched on, from which the faults count; now by default.
+    """
     planned = list(faults)
     return {
         part: _around(bus)(
@@ -215,6 +283,7 @@ def wrap(
             planned,
             [i.register.address for i in driver.identities if i.register.part == part],
             seed,
+            start_ns,
         )
         for part, bus in buses.items()
     }

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any sensor with registers and nothing else: its declared map, run backwards."""
+"""Any sensor whose document is declared whole, registers and at most a FIFO, run backwards."""
 
 from __future__ import annotations
 
 from imu_bench.bus.interface import Clock
 from imu_bench.drivers.driver import Driver
+from imu_bench.emulators.generic_fifo import GenericFifoChip
 from imu_bench.emulators.line import Line
 from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
-from imu_bench.registers import Channel, Register
+from imu_bench.errors import ConfigError
+from imu_bench.registers import Channel, Fifo, Frame, Register
 from imu_bench.samples import Samples
 
 
@@ -59,19 +61,34 @@ class GenericChip(EmulatedChip):
         for channel in self._channels if sample is not None else ():
             si = getattr(sample, channel.quantity)
             if si is not None:
-                self.memory.fill(channel.first, self.memory.quantise(channel, si).tobytes())
+                words = {channel.quantity: self.memory.quantise(channel, si)}
+                self.memory.fill(channel.first, Frame(channel).pack(words, 1))
 
 
 def create(
     driver: type[Driver], kind: str, name: str, source: Source, clock: Clock, line: Line
 ) -> dict[str, EmulatedBus]:
-    """Return one bus for each die."""
+    """
+    Return one bus for each die.
+
+    Raises
+    ------
+    ConfigError
+        If a chip with a FIFO has other dies beside it.
+    """
+    fifos = driver.declared(Fifo)
+    if fifos and (len(fifos) > 1 or len(driver.wiring) > 1):
+        raise ConfigError(
+            f'{driver.name}: a FIFO beside other dies needs imu_bench/emulators/{driver.name}.py'
+        )
     newest = _Newest(source)
     return {
         part: EmulatedBus(
             f'{name} {part}'.rstrip(),
             line,
-            GenericChip(driver, part, newest),
+            GenericFifoChip(driver, source, clock.now_ns())
+            if fifos
+            else GenericChip(driver, part, newest),
             wiring.i2c_increment if kind == 'i2c' else wiring.spi_increment,
             acknowledges=kind == 'i2c',
         )

@@ -34,11 +34,11 @@ class Mcp3208Chip:
     def __init__(self, channel: Axis, source: Source, start_ns: int) -> None:
         self._channel = channel
         self._source = source
+        self._code = MIDDLE
         self.power_up(start_ns)
 
     def power_up(self, at_ns: int) -> None:
-        """Begin to sample."""
-        self._code = MIDDLE
+        """Begin to sample; what is at the input stays there."""
         self._now_ns = at_ns
         self._source.restart(at_ns, SAMPLED_HZ)
 
@@ -49,10 +49,11 @@ class Mcp3208Chip:
         start = bits.find('1')
         if start < 0 or self.foreign:
             return b'\xff' * len(frame)
-        # MC figure 5-1: start, single-ended, D2 to D0, one clock to sample, null bit, code
+        # MC figure 5-2: start, single-ended, D2 to D0, one clock to sample, null bit, code, and
+        # the code once more from its second bit on, lowest first
         single_ended = bits[start + 1 : start + 2] == '1'
         code = self._code if single_ended else 0
-        sent = '1' * (start + 6) + f'0{code:012b}'
+        sent = '1' * (start + 6) + f'0{code:012b}' + f'{code:012b}'[-2::-1]
         sent = sent[: len(bits)].ljust(len(bits), '0')
         return int(sent, 2).to_bytes(len(frame), 'big')
 

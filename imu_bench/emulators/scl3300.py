@@ -95,7 +95,7 @@ class Scl3300Chip:
         if operation == _STATUS << 2 and self._now_ns >= self._ready_ns:
             # reading clears what was shown, after the next word has been latched
             self.status &= ~data
-        return answer
+        return answer[: len(sent)]
 
     def _return_status(self) -> int:
         if self._now_ns < self._ready_ns:

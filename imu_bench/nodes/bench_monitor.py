@@ -31,6 +31,8 @@ class SensorView:
     values: dict[str, str] = field(default_factory=dict)
     noise: dict[str, float] = field(default_factory=dict)
     """Mean one-sided noise density of the axes there are, SI, by quantity."""
+    faults: dict[int, dict[str, str]] = field(default_factory=dict)
+    """What is known of each scripted fault, as `imu_bench.nodes.fault_report` has it."""
 
     def number(self, key: str) -> float:
         """Return a diagnostic value as a number; NaN when there is none."""
@@ -112,7 +114,11 @@ class BenchMonitor:
     def _diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             view = self.sensors.get(status.name.partition(':')[0].rpartition('/')[2])
-            if view is not None and status.name.endswith('acquisition'):
+            if view is not None and status.name.endswith('faults'):
+                for pair in status.values:
+                    number, _, key = pair.key.partition('.')
+                    view.faults.setdefault(int(number), {})[key] = pair.value
+            elif view is not None and status.name.endswith('acquisition'):
                 view.level = status.level[0]
                 view.message = status.message
                 view.values = {pair.key: pair.value for pair in status.values}

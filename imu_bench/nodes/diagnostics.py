@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -14,6 +15,8 @@ from rclpy.node import Node
 
 TOPIC = '/diagnostics'
 PERIOD_S = 1.0
+SOON_NS = 100_000_000
+"""News go out at once, but no more often than this."""
 
 RATE_TOLERANCE = 0.02
 """A sensor that delivers less than this much below its own rate is too slow."""
@@ -34,11 +37,24 @@ class Diagnostics:
         self._node = node
         self._statuses = statuses
         self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
+        self._said_ns = 0
+        soon: Any = node.create_timer(SOON_NS * 1e-9, self.publish)
+        soon.cancel()
+        self._soon = soon
         node.create_timer(PERIOD_S, self.publish)
+
+    def publish_soon(self) -> None:
+        """Publish now, or a little later if that was just done."""
+        now_ns: int = self._node.get_clock().now().nanoseconds
+        if now_ns - self._said_ns >= SOON_NS:
+            self.publish()
+        elif self._soon.is_canceled():
+            self._soon.reset()
 
     def publish(self) -> None:
         """Publish now."""
-        now_ns = self._node.get_clock().now().nanoseconds
+        self._soon.cancel()
+        now_ns = self._said_ns = self._node.get_clock().now().nanoseconds
         self._publisher.publish(building.diagnostic_array(now_ns, self._statuses()))
 
 
@@ -46,13 +62,30 @@ class Losses(NamedTuple):
     """Counts that only grow; what grew since the last look is a fault of now."""
 
     lost: int = 0
+    failures: int = 0
     bus_errors: int = 0
     recoveries: int = 0
+    counters: Mapping[str, int] = MappingProxyType({})
+    """Those of the driver; they say more about a loss, and are none by themselves."""
 
     @classmethod
     def of(cls, stats: AcquisitionStats) -> Losses:
         """Return the counts of an acquisition."""
-        return cls(stats.lost, stats.bus_errors, stats.recoveries)
+        counters = {name: n for name, n in stats.counters.items() if name != 'bus_errors'}
+        return cls(stats.lost, stats.failures, stats.bus_errors, stats.recoveries, counters)
+
+    def grown_since(self, before: Losses) -> str:
+        """Return what has grown, in words; nothing when only counters of the driver have."""
+        now, then = self._asdict(), before._asdict()
+        counters, counters_then = now.pop('counters'), then.pop('counters')
+        grown = [f'{now[name] - then[name]} {name}' for name in now if now[name] != then[name]]
+        if grown:
+            grown += [
+                f'{count - counters_then.get(name, 0)} {name}'
+                for name, count in counters.items()
+                if count != counters_then.get(name, 0)
+            ]
+        return ', '.join(grown).replace('_', ' ')
 
 
 def number(name: str, estimate: Estimate) -> dict[str, str]:
@@ -86,14 +119,11 @@ def judge(stats: AcquisitionStats, before: Losses) -> tuple[str, str]:
         return 'error', f'{stats.state}: {stats.error}'
     if stats.state != 'running':
         return 'warn', stats.state
-    now, then = Losses.of(stats)._asdict(), before._asdict()
-    grown = [
-        f'{count - then[name]} {name.replace("_", " ")}'
-        for name, count in now.items()
-        if count != then[name]
-    ]
+    now = Losses.of(stats)
+    grown = now.grown_since(before)
     if grown:
-        return 'warn', f'since the last report: {", ".join(grown)}'
+        last = f'; {stats.last_error}' if now.failures > before.failures else ''
+        return 'warn', f'since the last report: {grown}{last}'
     slow = _too_slow(stats)
     if slow:
         return 'warn', slow
@@ -127,5 +157,7 @@ def acquisition_values(stats: AcquisitionStats) -> dict[str, Any]:
         'recoveries': stats.recoveries,
         'late': stats.late,
         'queued': stats.queued,
+        'scheduling': stats.scheduling,
+        **{f'error.{name}': count for name, count in stats.errors.items()},
         **{f'counter.{name}': count for name, count in stats.counters.items()},
     }

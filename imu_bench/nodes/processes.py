@@ -51,6 +51,10 @@ class BenchProcesses:
         """Return the path of a process's log."""
         return self._logs / f'{name}.log'
 
+    def number(self, name: str) -> int:
+        """Return the process id of a running process."""
+        return self._running[name].pid
+
     def ended(self) -> dict[str, int]:
         """Return the processes that ended by themselves, with their exit codes."""
         codes = {name: process.poll() for name, process in self._running.items()}

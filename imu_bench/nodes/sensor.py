@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 import re
@@ -19,9 +20,12 @@ from imu_bench.config import (
     SensorConfig,
     SIMULATION_SETTINGS,
 )
-from imu_bench.errors import BenchError, ConfigError
+from imu_bench.errors import BenchError, BusBusy, ConfigError, PermissionDenied
 from imu_bench.nodes import diagnostics, parameters
+from imu_bench.nodes.fault_report import FaultReport
 from imu_bench.nodes.sensor_topics import SensorTopics
+from imu_bench.nodes.spinning import spare_the_collector_again
+from imu_bench.samples import Samples
 from msg_conversions import building
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
@@ -29,6 +33,11 @@ PLAIN = 'sensor'
 """What is left of the plain executable's name without '_node'."""
 
 ROOT = '/bench'
+
+PASSING = (PermissionDenied, BusBusy)
+"""What others have to put right while the node waits: a permission, a chip in use."""
+
+AGAIN_S = 1.0
 
 
 def executable() -> str:
@@ -84,7 +93,8 @@ class SensorNode(LifecycleNode):
     ConfigError
         If a parameter is wrong: each with its name, its value and what is allowed.
     BenchError
-        If it brings itself up and the sensor is not there.
+        If it brings itself up and the sensor is not there.  For a permission, or for a chip that
+        another program uses, it waits, and tries again every `AGAIN_S`.
     """
 
     def __init__(self, name: str = '', **options: Any) -> None:
@@ -102,7 +112,11 @@ class SensorNode(LifecycleNode):
         self.acquisition: Acquisition | None = None
         self._topics: SensorTopics | None = None
         self._reason: BenchError | None = None
+        self._refusals: Counter[str] = Counter()
+        self._waiting: Any = None
         self._before = diagnostics.Losses()
+        self._faults: FaultReport | None = None
+        self._said: type = type(None)
         self._data: Any = self.create_guard_condition(self._publish_waiting)
         self._diagnostics = diagnostics.Diagnostics(self, self._statuses)
         if self.config.backend != 'hardware':
@@ -110,7 +124,10 @@ class SensorNode(LifecycleNode):
                 f'{self.config.name}: {bench.label(self.config)}: these are not measurements'
             )
         if self.config.autostart:
-            self.bring_up()
+            try:
+                self.bring_up()
+            except PASSING:
+                self._waiting = self.create_timer(AGAIN_S, self._try_again)
 
     def _configuration(self, name: str) -> SensorConfig:
         given = parameters.take_given(self)
@@ -140,18 +157,34 @@ class SensorNode(LifecycleNode):
             if trigger() != TransitionCallbackReturn.SUCCESS:
                 raise self._reason or BenchError(f'{self.config.name}: does not come up')
 
+    def _try_again(self) -> None:
+        if self.acquisition is None:  # nobody else has configured it meanwhile
+            try:
+                self.bring_up()
+            except PASSING:
+                return
+        self.destroy_timer(self._waiting)
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the bus, check who answers, write the settings."""
         return self._attempt(self._configure)
 
     def _configure(self) -> None:
-        self.acquisition = bench.build(self.config, on_data=self._data.trigger)
+        faults = self._faults = FaultReport(self.config, self.log)
+        self.acquisition = bench.build(
+            self.config,
+            faults.clock,
+            on_data=self._data.trigger,
+            switched_on_ns=faults.switched_on_ns,
+        )
         try:
             part = self.acquisition.prepare()
             self._topics = SensorTopics(self, self.config, self.acquisition.stats.nominal_hz)
         except Exception:
             self._release()
             raise
+        # now, because it takes a while and nothing is sampled yet
+        spare_the_collector_again()
         self.log.info(f'{self.config.name}: {part}, {bench.label(self.config)}')
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -208,31 +241,52 @@ class SensorNode(LifecycleNode):
         try:
             action()
         except BenchError as error:
+            if str(error) != str(self._reason):
+                self.log.error(f'{self.config.name}: {error}')
             self._reason = error
-            self.log.error(f'{self.config.name}: {error}')
+            self._refusals[type(error).__name__] += 1
             return TransitionCallbackReturn.FAILURE
         except Exception:
             self.log.error(traceback.format_exc())
             return TransitionCallbackReturn.ERROR
+        self._reason = None
         return TransitionCallbackReturn.SUCCESS
 
     def _publish_waiting(self) -> None:
         if self.acquisition is None or self._topics is None:
             return
-        for run in self.acquisition.drain():
+        runs = self.acquisition.drain()
+        for run in runs:
             self._topics.publish(run)
+        self._say_what_changed(self.acquisition, runs)
+
+    def _say_what_changed(self, acquisition: Acquisition, runs: list[Samples]) -> None:
+        """Publish diagnostics at once when an error comes or goes, or a scripted fault does."""
+        news = False
+        if self._faults is not None and self._faults.scripted:
+            self._faults.arrived(runs)
+            news = self._faults.look(acquisition.stats)
+        error = type(acquisition.error)
+        if news or error is not self._said:
+            self._said = error
+            self._diagnostics.publish_soon()
 
     def _statuses(self) -> list[DiagnosticStatus]:
         acquisition, topics = self.acquisition, self._topics
         name, hardware_id = f'{self.config.name}: acquisition', bench.label(self.config)
         values: dict[str, Any] = {'backend': self.config.backend, 'driver': self.config.driver}
+        values['calibration'] = ', '.join(self.config.calibration) or 'none'
+        values |= {f'refused.{kind}': count for kind, count in self._refusals.items()}
         if acquisition is None or topics is None:
-            return [
-                building.diagnostic_status(name, 'stale', 'not configured', hardware_id, values)
-            ]
+            state = ('error', str(self._reason)) if self._reason else ('stale', 'not configured')
+            return [building.diagnostic_status(name, *state, hardware_id, values)]
         stats = acquisition.stats
         level, message = diagnostics.judge(stats, self._before)
         self._before = diagnostics.Losses.of(stats)
         values |= diagnostics.acquisition_values(stats)
         values |= {f'published.{topic}': count for topic, count in topics.published.items()}
-        return [building.diagnostic_status(name, level, message, hardware_id, values)]
+        own = [building.diagnostic_status(name, level, message, hardware_id, values)]
+        if self._faults is None or not self._faults.scripted:
+            return own
+        self._faults.look(stats)
+        return [*own, self._faults.status()]

@@ -19,6 +19,7 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import Imu, MagneticField, Temperature
 
 IMU_TOPIC = 'imu/data_raw'
+ORIENTATION_TOPIC = 'imu/data'
 MAGNETIC_FIELD_TOPIC = 'imu/mag'
 TEMPERATURE_TOPIC = 'temperature'
 INCLINATION_TOPIC = 'inclination'
@@ -28,6 +29,7 @@ DELIVERY = Duration(seconds=2.0)
 
 _MESSAGES = {
     IMU_TOPIC: Imu,
+    ORIENTATION_TOPIC: Imu,
     MAGNETIC_FIELD_TOPIC: MagneticField,
     TEMPERATURE_TOPIC: Temperature,
     INCLINATION_TOPIC: Vector3Stamped,
@@ -61,7 +63,7 @@ class SensorTopics:
         self._config = config
         self._depth = max(10, math.ceil(rate_hz))
         self._publishers: dict[str, Publisher] = {}
-        self._templates: dict[tuple[bool, bool], ImuTemplate] = {}
+        self._templates: dict[tuple[bool, bool, bool], ImuTemplate] = {}
         self._magnetic_field = Template(
             config.frame_id,
             (0.0, 0.0, 0.0, *covariance.diagonal(config.stddevs['magnetic_field'])),
@@ -74,12 +76,16 @@ class SensorTopics:
         """Publish everything a run carries, in the order of its stamps."""
         if not len(run):
             return
-        if run.acceleration is not None or run.angular_velocity is not None:
-            template = self._imu_template(
-                run.acceleration is not None, run.angular_velocity is not None
-            )
+        moves, turns = run.acceleration is not None, run.angular_velocity is not None
+        if moves or turns:
+            template = self._imu_template(moves, turns)
             blobs = template.encode_imu(run.stamps, run.acceleration, run.angular_velocity)
             self._send(IMU_TOPIC, blobs)
+        if run.orientation is not None:
+            template = self._imu_template(moves, turns, orientation=True)
+            motion = run.acceleration, run.angular_velocity
+            blobs = template.encode_imu(run.stamps, *motion, run.orientation)
+            self._send(ORIENTATION_TOPIC, blobs)
         if run.magnetic_field is not None:
             part = (cdr.MAGNETIC_FIELD_VECTOR, run.magnetic_field)
             self._send(MAGNETIC_FIELD_TOPIC, self._magnetic_field.encode(run.stamps, part))
@@ -112,19 +118,21 @@ class SensorTopics:
             )
         return self._publishers[topic]
 
-    def _imu_template(self, acceleration: bool, angular_velocity: bool) -> ImuTemplate:
-        key = (acceleration, angular_velocity)
+    def _imu_template(
+        self, acceleration: bool, angular_velocity: bool, orientation: bool = False
+    ) -> ImuTemplate:
+        key = (acceleration, angular_velocity, orientation)
         if key not in self._templates:
             stddevs = self._config.stddevs
+            names = 'linear_acceleration', 'angular_velocity', 'orientation'
             covariances = [
                 covariance.diagonal(stddevs[name]) if present else covariance.NOT_REPORTED
-                for name, present in zip(
-                    ('linear_acceleration', 'angular_velocity'), key, strict=True
-                )
+                for name, present in zip(names, key, strict=True)
             ]
             self._templates[key] = ImuTemplate(
                 self._config.frame_id,
                 acceleration_covariance=covariances[0],
                 angular_velocity_covariance=covariances[1],
+                orientation_covariance=covariances[2],
             )
         return self._templates[key]

@@ -160,6 +160,16 @@ def _spare_the_collector() -> None:
     gc.freeze()
 
 
+def spare_the_collector_again() -> None:
+    """
+    Do so for what has been imported since, as an emulated chip with its libraries.
+
+    Nothing happens in a process that `run` has not started.
+    """
+    if gc.get_freeze_count():
+        _spare_the_collector()
+
+
 def _take_down(node: Any, executor: Any) -> None:
     try:
         close = getattr(node, 'close', None)

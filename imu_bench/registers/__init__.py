@@ -3,8 +3,9 @@
 The datasheet grammar: what a chip's document prints, declared once.
 
 A register map is a class (`RegisterMap`) whose attributes are `Register`, `Field` with its
-`Codes`, `Vector`, `Scalar`, `Axis`, `Quaternion`, `Frame`, and sequences of `Write`, `Wait` and
-`Until`.  A driver reads it forwards (code to value), an emulator backwards (value to code).
+`Codes`, `Vector`, `Scalar`, `Axis`, `Quaternion`, `Frame`, `Fifo`, and sequences of `Write`,
+`Wait` and `Until`.  A driver reads it forwards (code to value), an emulator backwards (value to
+code).
 
 Attribute access on the class and on an instance returns the declaration: no access to a
 declaration touches a bus, and no declaration holds a buffer.  Codes that are not one to one,
@@ -12,8 +13,10 @@ fields that overlap or do not fit, and sequences that write what cannot be writt
 when the class is created.
 """
 
-from imu_bench.registers.channels import Axis, Channel, Frame, Quaternion, Scalar, Vector
+from imu_bench.registers.channels import Axis, Channel, Quaternion, Scalar, Vector
 from imu_bench.registers.fields import Codes, describe, Field, Register, Value
+from imu_bench.registers.fifo import Fifo
+from imu_bench.registers.frames import Frame
 from imu_bench.registers.maps import (
     Assignments,
     check_value,
@@ -31,6 +34,7 @@ __all__ = [
     'Channel',
     'Codes',
     'Field',
+    'Fifo',
     'Frame',
     'Identity',
     'Quaternion',

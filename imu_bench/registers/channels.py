@@ -11,6 +11,7 @@ import math
 from typing import Any
 
 from imu_bench.errors import ConfigError
+from imu_bench.registers import words as wire_words
 from imu_bench.registers.fields import Declaration, Field, Register, Value
 import numpy as np
 import numpy.typing as npt
@@ -38,7 +39,7 @@ class Channel(Declaration, ABC):
     unit : str
         SI unit.
     dtype : str
-        Word as numpy writes it, byte order included, such as '>i2'.
+        Word as numpy writes it, byte order included, such as '>i2'; '>i3' has three bytes.
     si_per_lsb : float, tuple, or mapping of a value of `scaled_by` to either
     scaled_by : Field, optional
         The range field on which the LSB depends.
@@ -73,7 +74,7 @@ class Channel(Declaration, ABC):
                 f'{self.quantity}: si_per_lsb must give one factor for each value of scaled_by '
                 f'({ranges})'
             )
-        if np.dtype(self.dtype).itemsize * self.components != self.first.size:
+        if wire_words.size(self.dtype) * self.components != self.first.size:
             raise ConfigError(
                 f'{self.quantity}: {self.components} x {self.dtype} does not fill the '
                 f'{self.first.size} bytes from 0x{self.first.address:02X} on'
@@ -82,7 +83,12 @@ class Channel(Declaration, ABC):
     @cached_property
     def is_integer(self) -> bool:
         """Return whether words are counts; False for a chip that sends floats."""
-        return np.dtype(self.dtype).kind in 'iu'
+        return wire_words.held(self.dtype).kind in 'iu'
+
+    @cached_property
+    def quantised(self) -> bool:
+        """Return whether readings have steps: counts, be they sent as integers or as floats."""
+        return self.is_integer or self.limits is not None
 
     @cached_property
     def word_limits(self) -> tuple[float, float]:
@@ -94,8 +100,8 @@ class Channel(Declaration, ABC):
             return self.limits
         if not self.is_integer:
             return -math.inf, math.inf
-        info = np.iinfo(np.dtype(self.dtype))
-        return int(info.min) >> self.shift, int(info.max) >> self.shift
+        smallest, largest = wire_words.limits(self.dtype)
+        return smallest >> self.shift, largest >> self.shift
 
     def limits_at(self, range_: Value | None) -> tuple[float, float]:
         """Return the smallest and the largest reading at a range."""
@@ -145,7 +151,7 @@ class Channel(Declaration, ABC):
         if self.is_integer:
             counts = np.rint(counts)
         clipped: _Array = np.clip(counts, low, high) * (1 << self.shift)
-        return clipped.astype(np.dtype(self.dtype))
+        return clipped.astype(wire_words.held(self.dtype))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -172,7 +178,7 @@ class Scalar(Channel):
 
     def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """Return the size of one LSB in SI, shape (1,)."""
-        return np.asarray(self.factor(range_) * trim)
+        return np.asarray(np.abs(self.factor(range_) * trim))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -316,57 +322,3 @@ class Quaternion(Channel):
     def resolution(self, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """Return the size of one LSB, shape (4,)."""
         return np.asarray(self.factor(range_) * trim)
-
-
-class Frame(Declaration):
-    """
-    Words that travel together, first byte first: a FIFO slot, a burst of registers.
-
-    Parameters
-    ----------
-    *parts : Channel or Register
-        A channel appears under its quantity, a register under its name.
-
-    Examples
-    --------
-    >>> status = Register(0x02, access='ro')
-    >>> status.__set_name__(object, 'STATUS')
-    >>> out = Register(0x03, access='ro', size=6, reset=None)
-    >>> field = Vector(first=out, quantity='magnetic_field', unit='T', dtype='<i2',
-    ...                si_per_lsb=1.4e-8)
-    >>> burst = Frame(status, field)
-    >>> words = burst.unpack(bytes([1, 2, 0, 3, 0, 4, 0]))
-    >>> burst.size, words['STATUS'].tolist(), words['magnetic_field'].tolist()
-    (7, [1], [[2, 3, 4]])
-    """
-
-    def __init__(self, *parts: Channel | Register) -> None:
-        self.parts = parts
-
-    @cached_property
-    def dtype(self) -> np.dtype[Any]:
-        """Return the frame as a numpy structure."""
-        return np.dtype(
-            [
-                (part.quantity, part.dtype, (part.components,) if part.components > 1 else ())
-                if isinstance(part, Channel)
-                else (part.name, f'{">" if part.order == "big" else "<"}u{part.size}')
-                for part in self.parts
-            ]
-        )
-
-    @property
-    def size(self) -> int:
-        """Return bytes per frame."""
-        return self.dtype.itemsize
-
-    def unpack(self, data: bytes) -> _Array:
-        """Return the words of whole frames as a structured array, shape (n,)."""
-        return np.frombuffer(data, dtype=self.dtype)
-
-    def pack(self, words: Mapping[str, Any], frames: int) -> bytes:
-        """Return the bytes of `frames` frames; parts that are not given are zero."""
-        out = np.zeros(frames, dtype=self.dtype)
-        for name, values in words.items():
-            out[name] = values
-        return out.tobytes()

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from imu_bench.errors import ConfigError
 from imu_bench.registers.channels import Channel
 from imu_bench.registers.fields import Field, Register, Value
+from imu_bench.registers.fifo import Fifo
 
 _T = TypeVar('_T')
 
@@ -76,6 +77,7 @@ class RegisterMap:
         try:
             _check_registers(cls)
             _check_fields(cls)
+            _check_fifos(cls)
             _check_sequences(cls)
         except ConfigError as error:
             raise ConfigError(f'{cls.__name__}: {error}') from None
@@ -128,6 +130,20 @@ def _check_fields(owner: type[RegisterMap]) -> None:
     for one, other in combinations(fields, 2):
         if one.register is other.register and one.mask & other.mask:
             raise ConfigError(f'fields {one.name} and {other.name} of {one.register} overlap')
+
+
+def _check_fifos(owner: type[RegisterMap]) -> None:
+    registers = set(owner.declared(Register).values())
+    for fifo in owner.declared(Fifo).values():
+        fields = (fifo.overrun, fifo.rate, fifo.runs[0])
+        if not {fifo.port, fifo.count, *(field.register for field in fields)} <= registers:
+            raise ConfigError(f'{fifo.name} needs a register that the map does not declare')
+        if len(fifo.marks) not in (0, fifo.frame.size) or fifo.frame.size % fifo.units:
+            raise ConfigError(
+                f'{fifo.name}: {len(fifo.marks)} bytes of marks and {fifo.units} units must fit '
+                f'a frame of {fifo.frame.size} bytes'
+            )
+        check_value(*fifo.runs)
 
 
 def _check_sequences(owner: type[RegisterMap]) -> None:

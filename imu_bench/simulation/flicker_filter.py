@@ -79,7 +79,7 @@ def flicker_filter(period_s: float) -> FlickerFilter:
     # 1 - pole and 1 - zero, without cancellation
     poles = -np.expm1(-period_s / correlation_times(period_s))
     zeros, gain = _minimum_phase(poles)
-    # sigma² = B² ln r / π: IEEE Std 952-1997 eq. (C.5), see `noise.Flicker`
+    # sigma² = B² ln r / π: IEEE Std 952-1997 annex C, see `noise.Flicker`
     gain *= math.sqrt(math.log(RATIO) / math.pi)
     # the slowest with the fastest, so that no polynomial has two roots close to one
     last = len(poles) - 1

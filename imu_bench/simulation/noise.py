@@ -9,8 +9,7 @@ drawing sample by sample, so that the stream does not depend on how it is cut
 into blocks, nor on which other processes are switched on.
 
 Definitions and Allan variances follow IEEE Std 952-1997, annex C: white noise
-N²/τ (C.1.1), flicker 2 ln2/π·B² (C.1.3), rate random walk K²τ/3 (C.1.2),
-quantisation 3Q²/τ² (C.1.5).
+N²/τ, flicker 2 ln2/π·B², rate random walk K²τ/3, quantisation 3Q²/τ².
 """
 
 from __future__ import annotations
@@ -78,8 +77,8 @@ class Flicker:
     """
     Flicker noise (bias instability) of coefficient B in the unit of the signal.
 
-    The two-sided density of flicker noise is B²/(2πf) (IEEE Std 952-1997,
-    eq. C.5).  Independent first-order Gauss-Markov processes of equal variance
+    The two-sided density of flicker noise is B²/(2πf) (IEEE Std 952-1997
+    annex C).  Independent first-order Gauss-Markov processes of equal variance
     σ² whose correlation times are spaced by the ratio r have together the
     density σ²/(2 f ln r) between their corner frequencies: the sum of
     2σ²T/(1 + (2πfT)²) becomes an integral over dT/(T ln r).  Hence σ² = B² ln r/π.

@@ -35,10 +35,13 @@ class SimulatedSensor:
     config : SensorConfig
     sources : tuple of SensorSource
         One for each output data rate, the main one first.
+    angle_step : float or None
+        Resolution of the angles that an inclinometer computes itself, rad; None for others.
     """
 
     config: SensorConfig
     sources: tuple[SensorSource, ...]
+    angle_step: float | None = None
 
     @property
     def name(self) -> str:

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from imu_bench.bags.topic_info import describe, OfferedQos, TopicInfo
-from imu_bench.samples import Samples
+from imu_bench.metrology.inclination import inclination
+from imu_bench.samples import AXES, Samples
 from imu_bench.simulation.simulated import SimulatedSensor
 from msg_conversions import cdr, covariance
 from msg_conversions.templates import ImuTemplate, Template
@@ -23,10 +24,12 @@ TRANSPORT_NS = 1_000_000
 _IMU = 'imu/data_raw'
 _MAGNETIC_FIELD = 'imu/mag'
 _TEMPERATURE = 'temperature'
+_INCLINATION = 'inclination'
 _TYPES = {
     _IMU: 'sensor_msgs/msg/Imu',
     _MAGNETIC_FIELD: 'sensor_msgs/msg/MagneticField',
     _TEMPERATURE: 'sensor_msgs/msg/Temperature',
+    _INCLINATION: 'geometry_msgs/msg/Vector3Stamped',
 }
 
 
@@ -67,6 +70,8 @@ class SensorMessages:
         field = covariance.diagonal(stddevs.get('magnetic_field', 0.0))
         self._magnetic_field = Template(config.frame_id, (0.0, 0.0, 0.0, *field))
         self._temperature = Template(config.frame_id, (0.0, 0.0))
+        self._angle_step = sensor.angle_step
+        self._inclination = Template(config.frame_id, (0.0, 0.0, 0.0))
 
     @property
     def topics(self) -> list[TopicInfo]:
@@ -74,6 +79,7 @@ class SensorMessages:
         names = [_IMU] if self._quantities & {'acceleration', 'angular_velocity'} else []
         names += [_MAGNETIC_FIELD] if 'magnetic_field' in self._quantities else []
         names += [_TEMPERATURE] if 'temperature' in self._quantities else []
+        names += [_INCLINATION] if self._angle_step else []
         return [
             describe(f'{self._namespace}/{name}', _TYPES[name], [OfferedQos()]) for name in names
         ]
@@ -97,6 +103,14 @@ class SensorMessages:
             if stamps.size:
                 rows = self._temperature.rows(stamps, taken)
                 yield self._messages(_TEMPERATURE, stamps, rows)
+
+        if run.acceleration is not None and self._angle_step:
+            angles = [inclination(run.acceleration, axis) for axis in AXES]
+            steps = np.rint(np.column_stack(angles) / self._angle_step)
+            part = (cdr.VECTOR3_VECTOR, steps * self._angle_step)
+            yield self._messages(
+                _INCLINATION, run.stamps, self._inclination.rows(run.stamps, part)
+            )
 
     def _messages(
         self, name: str, stamps: npt.NDArray[np.int64], rows: npt.NDArray[np.uint8]

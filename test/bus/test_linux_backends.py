@@ -37,13 +37,23 @@ class FakeMessage:
 
 
 @pytest.fixture
-def smbus2(monkeypatch):
-    """Record every I2C_RDWR call; raise `error` if one is set."""
-    calls = SimpleNamespace(transfers=[], error=None, closed=False)
+def device_file(tmp_path):
+    """Give what opens a file that stands for the device: it can be locked."""
+    return lambda: os.open(tmp_path / 'device', os.O_RDWR | os.O_CREAT)
+
+
+@pytest.fixture
+def smbus2(monkeypatch, device_file):
+    """Record every I2C_RDWR call; raise `error` if one is set, or when the file is opened."""
+    calls = SimpleNamespace(transfers=[], error=None, denied=None, closed=False, opened=0)
 
     class FakeBus:
         def __init__(self, path):
+            if calls.denied is not None:
+                raise calls.denied
             calls.path = path
+            calls.opened += 1
+            self.fd = device_file()
 
         def i2c_rdwr(self, *messages):
             if calls.error is not None:
@@ -51,6 +61,7 @@ def smbus2(monkeypatch):
             calls.transfers.append([(m.address, m.length or m.data) for m in messages])
 
         def close(self):
+            os.close(self.fd)
             calls.closed = True
 
     fake = SimpleNamespace(SMBus=FakeBus, i2c_msg=FakeMessage)
@@ -98,6 +109,34 @@ def test_errno_becomes_a_named_error_with_device_address_and_advice(smbus2, numb
     assert caught.value.__cause__ is smbus2.error
     with pytest.raises(kind, match='writing 0x6B'):
         bus.write(0x6B, b'\x00')
+
+
+def test_a_device_that_is_another_one_now_is_opened_again(smbus2):
+    bus = I2cBus('/dev/i2c-1', 0x68, Wiring())
+    smbus2.error = OSError(errno.ENODEV, 'No such device')
+    with pytest.raises(NoAnswer, match='is gone'):
+        bus.read(0x75, 1)
+    smbus2.denied = PermissionError(errno.EACCES, 'Permission denied')
+    with pytest.raises(PermissionDenied, match='usermod -aG i2c'):
+        bus.read(0x75, 1)
+    smbus2.error = smbus2.denied = None
+    assert bus.read(0x75, 1) == b'\x00'
+    assert smbus2.opened == 2
+    bus.close()
+
+
+def test_a_chip_has_one_owner_and_its_neighbour_another(smbus2):
+    first = I2cBus('/dev/i2c-1', 0x68, Wiring())
+    second = I2cBus('/dev/i2c-1', 0x68, Wiring(), patience_s=0.0)
+    neighbour = I2cBus('/dev/i2c-1', 0x69, Wiring(), patience_s=0.0)
+    first.read(0x75, 1)
+    neighbour.read(0x75, 1)
+    with pytest.raises(BusBusy, match=r'/dev/i2c-1 0x68: process .* uses this chip'):
+        second.read(0x75, 1)
+    first.close()
+    assert second.read(0x75, 1) == b'\x00'
+    second.close()
+    neighbour.close()
 
 
 @pytest.mark.parametrize(
@@ -150,12 +189,13 @@ def test_spi_registers_carry_read_and_burst_bits():
     assert frames.closed
 
 
-def test_spi_passes_mode_clock_and_errors(monkeypatch):
+def test_spi_passes_mode_clock_and_errors(monkeypatch, device_file):
     made = SimpleNamespace(error=None)
 
     class FakeSpi:
         def __init__(self, path, mode, speed):
             made.arguments = path, mode, speed
+            self.fd = device_file()
 
         def transfer(self, data):
             if made.error:
@@ -163,6 +203,7 @@ def test_spi_passes_mode_clock_and_errors(monkeypatch):
             return bytes(reversed(data))
 
         def close(self):
+            os.close(self.fd)
             made.closed = True
 
     monkeypatch.setitem(sys.modules, 'periphery', SimpleNamespace(SPI=FakeSpi))
@@ -210,7 +251,7 @@ def test_a_pulled_plug_is_named():
 
 def test_a_line_has_one_owner(terminal):
     port = SerialPort(terminal[1], 115200)
-    with pytest.raises(BusError, match=terminal[1]):
+    with pytest.raises(BusBusy, match=f'{terminal[1]}: somebody else holds it'):
         SerialPort(terminal[1], 115200)
     port.close()
 

@@ -221,7 +221,7 @@ def test_a_burst_that_broke_off_is_not_used(monkeypatch):
     made = running(head(16), (('read', 0x30, 16), NoAnswer('pulled')))
     with pytest.raises(NoAnswer):
         made.read()
-    assert made._torn
+    assert made.torn
 
 
 def test_an_error_before_the_burst_costs_nothing():
@@ -233,7 +233,7 @@ def test_an_error_before_the_burst_costs_nothing():
 
 
 def test_an_impossible_count_is_an_error():
-    with pytest.raises(BusError, match='FIFO_COUNT 65535 of 2048'):
+    with pytest.raises(BusError, match='FIFO_COUNT 65535 of 2080'):
         running(head(0xFFFF, 0xFF)).read()
 
 

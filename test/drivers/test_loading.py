@@ -84,7 +84,8 @@ def test_every_wrong_setting_is_named_at_once():
 def test_defaults_and_counters_are_there_from_the_start():
     driver = tiny(rate_hz=50.0)
     assert driver.values == {'accelerometer_range': 4.0, 'rate_hz': 50.0}
-    assert driver.counters == {'bus_errors': 0, 'brown_outs': 0, 'saturated': 0, 'losses': 0}
+    names = ('bus_errors', 'brown_outs', 'restarts', 'saturated', 'losses')
+    assert driver.counters == dict.fromkeys(names, 0)
     assert driver.continuity == 0
     assert not driver.configured
 

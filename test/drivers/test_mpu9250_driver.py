@@ -219,17 +219,23 @@ def test_an_impossible_count_is_an_error():
 
 
 # --- magnetometer ------------------------------------------------------------------------
-def magnetic(answer):
+def magnetic(*answers):
+    """Return a driver and what it makes of what the magnetometer answers, 4 ms apart."""
     made = running(
-        (('read', 0x72, 2), b'\x00\x00'), *SOUND, magnetometer=[(('read', 0x02, 8), answer)]
+        *((('read', 0x72, 2), b'\x00\x00'), *SOUND) * len(answers),
+        magnetometer=[(('read', 0x02, 8), bytes.fromhex(answer)) for answer in answers],
     )
     made.trims['magnetic_field'] = np.array([1.1875, 1.0, 1.0])
-    made._magnetometer_seen_ns = made.clock.now_ns() - 4_000_000
-    return made, made.read()
+    made._field.begin()
+    runs = []
+    for _ in answers:
+        made.clock.sleep(0.004)
+        runs += made.read()
+    return made, runs
 
 
 def test_the_example_of_the_magnetometer():
-    made, (run,) = magnetic(bytes.fromhex('01 2C01 0000 6400 10'))
+    made, (run,) = magnetic('01 2C01 0000 6400 10')
     np.testing.assert_allclose(run.magnetic_field, [[0, 53.4375e-6, -15e-6]])
     # ready some time between the last look and this one
     assert run.stamps.tolist() == [made.clock.now_ns() - 2_000_000]
@@ -243,15 +249,29 @@ def test_the_example_of_the_magnetometer():
     ],
 )
 def test_old_or_overflown_fields_are_not_delivered(answer, counter):
-    made, runs = magnetic(bytes.fromhex(answer))
+    made, runs = magnetic(answer)
     assert runs == []
     assert {name for name, n in made.counters.items() if n} == ({counter} if counter else set())
 
 
 def test_a_lost_field_is_counted_and_the_new_one_delivered():
-    made, runs = magnetic(bytes.fromhex('03 2C01 0000 6400 10'))
-    assert len(runs) == 1
+    made, runs = magnetic('01 2C01 0000 6400 10', '03 2C01 0000 6400 10')
+    assert len(runs) == 2
     assert made.counters['magnetometer_lost'] == 1
+
+
+def test_what_was_overwritten_before_the_start_is_not_lost():
+    made, runs = magnetic('03 2C01 0000 6400 10')
+    assert len(runs) == 1
+    assert made.counters['magnetometer_lost'] == 0
+
+
+def test_fields_overwritten_while_nobody_looked_are_lost():
+    made, _ = magnetic('01 2C01 0000 6400 10', '00 2C01 0000 6400 10')
+    made.clock.sleep(0.045)
+    # four of 100 Hz, of which the chip keeps the newest
+    assert made._field.found(overrun=True).tolist() == [made.clock.now_ns() - 22_500_000]
+    assert made._field.lost == 3
 
 
 def test_a_missing_magnetometer_can_be_done_without(monkeypatch):

@@ -131,8 +131,11 @@ def test_mcp3208_needs_its_start_bit_and_single_ended(wire, clock):
     # without S it converts the difference of two inputs, which are alike here
     answer = bus.transfer(bytes.fromhex('040000'))
     assert (answer[1] & 0x0F, answer[2]) == (0, 0)
-    # more clocks than needed: zeros behind
-    assert bus.transfer(bytes.fromhex('06000000'))[3] == 0
+    # with more clocks the code once more, lowest bit first; then zeros (section 5.0)
+    answer = int.from_bytes(bus.transfer(bytes.fromhex('06000000000000')), 'big')
+    code, again = answer >> 32 & 0xFFF, answer >> 21 & 0x7FF
+    assert f'{again:011b}' == f'{code:012b}'[-2::-1]
+    assert answer & 0x1FFFFF == 0
 
 
 def test_mcp3208_takes_the_value_of_the_moment(wire, clock):

@@ -250,3 +250,18 @@ def test_faults_follow_their_times(clock, make_source):
 def test_an_unknown_fault_lists_the_known():
     with pytest.raises(ConfigError, match=', '.join(KINDS)):
         Fault('gremlin')
+
+
+@pytest.mark.parametrize('kind', ['i2c', 'spi'])
+def test_a_magnetometer_that_alone_lost_its_mode_is_configured_again(clock, lsm_running, kind):
+    bench = lsm_running('mpu9250', kind)
+    bench.run(1.0)
+    assert bench.driver.counters['brown_outs'] == 0
+    chip = bench.buses['']._bus.chip
+    chip.magnetometer.power_up(clock.now_ns())
+    bench.run(2.0)
+    bench.fields.clear()
+    bench.run(1.0)
+    assert bench.driver.counters['brown_outs'] == 1
+    assert sum(map(len, bench.fields)) == pytest.approx(100, abs=3)
+    assert bench.errors == []

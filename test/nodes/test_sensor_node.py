@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """One sensor node in this process: topics, parameters, lifecycle, diagnostics."""
 
+from dataclasses import replace
 import math
 import sys
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from imu_bench import bench
 from imu_bench.config import SENSOR_SETTINGS, SIMULATION_SETTINGS
-from imu_bench.errors import BenchError, ConfigError
+from imu_bench.errors import BenchError, BusBusy, ConfigError, PermissionDenied
 from imu_bench.nodes.sensor import default_name, executable, SensorNode
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -311,6 +313,36 @@ def test_an_unconfigured_sensor_is_stale(ros):
     status = ros.spin_until(lambda: statuses)[0]
     assert status.level == DiagnosticStatus.STALE
     assert status.message == 'not configured'
+
+
+@pytest.mark.parametrize('kind', [PermissionDenied, BusBusy])
+def test_what_others_have_to_put_right_is_waited_for(ros, monkeypatch, kind):
+    statuses = diagnostics(ros, 'left')
+    closed = True
+
+    def hardware(sensor, clock, *_):
+        if closed:
+            raise kind(f'/dev/{sensor.bus}: not for you')
+        return bench._emulated(replace(sensor, bus=''), clock)
+
+    monkeypatch.setitem(bench._BACKENDS, 'hardware', hardware)
+    received = listen(ros, Imu, '/bench/left/imu/data_raw')
+    parameters = {'driver': 'mpu9250', 'backend': 'hardware', 'bus': 'i2c-1'}
+    ros.add(SensorNode, 'left', parameters=parameters)
+
+    def tried_again():
+        values = {pair.key: pair.value for s in statuses for pair in s.values}
+        return int(values.get(f'refused.{kind.__name__}', '0')) >= 2
+
+    ros.spin_until(tried_again, 'a second attempt')
+    assert statuses[-1].level == DiagnosticStatus.ERROR
+    assert statuses[-1].message == '/dev/i2c-1: not for you'
+    assert not received
+    closed = False
+    ros.spin_until(lambda: len(received) >= 100, 'samples')
+    statuses.clear()
+    ros.spin_until(lambda: statuses, 'diagnostics')
+    assert statuses[-1].message != '/dev/i2c-1: not for you'
 
 
 def test_the_last_samples_are_published_when_it_closes(ros):

@@ -135,3 +135,21 @@ def test_a_shutdown_from_inside_is_a_clean_end(run, executor):
     output, errors = process.communicate('go on\n')
     assert process.returncode == 0, errors
     assert output.splitlines() == ['closing False', 'closed']
+
+
+def test_what_is_imported_later_is_spared_too_but_only_in_a_process_of_its_own():
+    code = (
+        'import gc\n'
+        'from imu_bench.nodes.spinning import spare_the_collector_again as spare\n'
+        'spare()\n'
+        'print(gc.get_freeze_count())\n'
+        'gc.freeze()\n'
+        'before = gc.get_freeze_count()\n'
+        'made = [[] for _ in range(1000)]\n'
+        'spare()\n'
+        'print(gc.get_freeze_count() - before >= 1000)\n'
+    )
+    result = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, timeout=60
+    )
+    assert result.stdout.split() == ['0', 'True'], result.stderr

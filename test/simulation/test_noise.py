@@ -49,7 +49,7 @@ def test_the_floor_is_flat_by_the_formula_and_not_only_by_simulation(period_s):
     for tau in np.geomspace(50 * period_s, 3e5, 50):
         variance = 0.0
         for time in correlation_times(period_s):
-            # Allan variance of a first-order Gauss-Markov process, IEEE Std 952-1997 eq. (C.12)
+            # Allan variance of a first-order Gauss-Markov process, IEEE Std 952-1997 annex C
             x = tau / time
             bracket = 1 - (3 - 4 * math.exp(-x) + math.exp(-2 * x)) / (2 * x)
             # the closed form cancels for small x; its series is x²/3

@@ -58,10 +58,10 @@ class Desk:
             'ROS_LOG_DIR': str(folder),
         }
 
-    def start(self, *arguments):
+    def start(self, *arguments, prefix=()):
         """Start a Python program that sees the device files and no others."""
         return subprocess.Popen(
-            [sys.executable, *map(str, arguments)],
+            [*prefix, sys.executable, *map(str, arguments)],
             env=self.environment, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip

@@ -57,6 +57,8 @@ class Desk:
         self.chips = {
             bus: [Chip(clock, **entry) for entry in entries] for bus, entries in scene.items()
         }
+        # switched on long before anybody asks
+        clock.sleep(max(c.driver.start_up_s for chips in self.chips.values() for c in chips))
         self.lock = threading.Lock()
 
     def answer(self, request):
@@ -108,7 +110,7 @@ class Desk:
         die = chip.buses[part]
         if chip.kind == 'frame':
             return die.transfer(frame)
-        register = frame[0] & ~wiring.spi_read
+        register = (frame[0] & ~wiring.spi_read) >> wiring.spi_shift
         if frame[0] & wiring.spi_read:
             return b'\xff' + die.read(register, len(frame) - 1)
         die.write(register, frame[1:])

@@ -65,7 +65,10 @@ def test_what_is_not_there_is_named(desk, driver, device, address, kind, text):
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize(('driver', 'part'), [('mpu9250', 'MPU-9250'), ('scl3300', 'SCL3300-D01')])
+@pytest.mark.parametrize(
+    ('driver', 'part'),
+    [('mpu9250', 'MPU-9250'), ('scl3300', 'SCL3300-D01'), ('bno055', 'Bosch BNO055')],
+)
 def test_the_node_runs_on_hardware(desk, driver, part):
     device = desk.device_of(driver)
     process = desk.start(

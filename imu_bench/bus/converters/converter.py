@@ -57,6 +57,8 @@ class Converter(ABC):
     usual_hz: ClassVar[float]
     paced: ClassVar[bool] = True
     """Whether it waits to be asked for each sample."""
+    settling_s: ClassVar[float] = 0.0
+    """From feeding the sensor until what it gives is good."""
 
     def __init__(self, wire: Any, clock: Clock, counters: Counter[str], rate_hz: float) -> None:
         self.wire = wire

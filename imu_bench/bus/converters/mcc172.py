@@ -43,6 +43,7 @@ class Mcc172(Converter):
     part = 'mcc172'
     paced = False
     usual_hz = CLOCK_HZ / 51
+    settling_s = SETTLING_S
 
     def __init__(
         self,

@@ -3,7 +3,7 @@
 Microchip MCP3208: 12 bits on SPI, at the moment of the transfer.
 
 Document: DS21298E.  It has no clock, no status and nothing that says that it is there, but
-for one bit that is always zero.
+for one bit that is always zero, and the code that it sends forwards and backwards.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections import Counter
 from imu_bench.bus.converters.converter import Converter, Reading
 from imu_bench.bus.framing import mcp3208
 from imu_bench.bus.interface import Clock, FrameBus
-from imu_bench.errors import NoAnswer
+from imu_bench.errors import ChecksumError, NoAnswer
 import numpy as np
 
 FASTEST_HZ = 10_000.0
@@ -49,6 +49,7 @@ class Mcp3208(Converter):
         super().__init__(wire, clock, counters, rate_hz)
         self._request = mcp3208.request(channel)
         self._rail_since_ns: int | None = None
+        counters.setdefault('checksum_errors', 0)
 
     def checked_rate(self, rate_hz: float) -> float:
         """Return a rate that a computer may hold."""
@@ -69,10 +70,13 @@ class Mcp3208(Converter):
         self._rail_since_ns = None
 
     def read(self) -> Reading:
-        """Return one conversion."""
+        """Return one conversion; none if the bus was held so long that its time is not known."""
         before = self.clock.now_ns()
         code = self._convert()
-        middle = (before + self.clock.now_ns()) // 2
+        after = self.clock.now_ns()
+        middle = (before + after) // 2
+        if (after - before) * 1e-9 * self.rate_hz > 1.0:
+            return Reading()
         self._watch(code, middle)
         return Reading(np.array([middle]), np.array([code]))
 
@@ -90,6 +94,9 @@ class Mcp3208(Converter):
             return mcp3208.code(self.wire.transfer(self._request))
         except NoAnswer as error:
             raise NoAnswer(f'{self.wire.name}: {error}') from error
+        except ChecksumError as error:
+            self.counters['checksum_errors'] += 1
+            raise ChecksumError(f'{self.wire.name}: {error}') from error
 
     def _watch(self, code: int, now_ns: int) -> None:
         """Notice a line that is stuck: a sensor that lives does not stay at a rail."""

@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The SPI frames of Microchip's MCP3208: DS21298E, figure 6-1, three bytes for a conversion."""
+"""
+The SPI frames of Microchip's MCP3208: DS21298E, figures 5-2 and 6-1.
+
+Behind its lowest bit the converter sends the code once more, lowest bit first, as long as the
+clock goes on.  It has no checksum, so both are read and compared.
+"""
 
 from __future__ import annotations
 
-from imu_bench.errors import FrameError, NoAnswer
+from imu_bench.errors import ChecksumError, FrameError, NoAnswer
 
-FRAME_BYTES = 3
+FRAME_BYTES = 5
 FULL_SCALE = 4095
 _START, _SINGLE_ENDED, _NULL = 0x04, 0x02, 0x10
 
@@ -17,9 +22,9 @@ def request(channel: int) -> bytes:
     Examples
     --------
     >>> request(0).hex(), request(3).hex(), request(7).hex()
-    ('060000', '06c000', '07c000')
+    ('0600000000', '06c0000000', '07c0000000')
     """
-    return bytes([_START | _SINGLE_ENDED | channel >> 2, (channel & 3) << 6, 0])
+    return bytes([_START | _SINGLE_ENDED | channel >> 2, (channel & 3) << 6, 0, 0, 0])
 
 
 def code(answer: bytes) -> int:
@@ -30,16 +35,23 @@ def code(answer: bytes) -> int:
     ------
     NoAnswer
         If the null bit is one: nothing drives the line.
+    ChecksumError
+        If the code sent backwards is another one, or something but zeros follows.
     FrameError
-        If it is not three bytes.
+        If it is not five bytes.
 
     Examples
     --------
-    >>> code(bytes.fromhex('ffe87c'))
+    >>> code(bytes.fromhex('ffe87c7c20'))
     2172
     """
     if len(answer) != FRAME_BYTES:
         raise FrameError(f'a conversion has {FRAME_BYTES} bytes, this one {len(answer)}')
     if answer[1] & _NULL:
         raise NoAnswer(f'{answer.hex()}: nothing drives the line; check power, wiring and CS')
-    return (answer[1] & 0x0F) << 8 | answer[2]
+    forwards = (answer[1] & 0x0F) << 8 | answer[2]
+    # the lowest bit is sent once; five zeros are behind the highest
+    backwards = int(f'{forwards >> 1:011b}'[::-1], 2)
+    if backwards << 5 != answer[3] << 8 | answer[4]:
+        raise ChecksumError(f'{answer.hex()}: forwards and backwards differ; check the wiring')
+    return forwards

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a driver does on its wire, found out by letting it read an emulated chip.
+
+Nothing is declared for this, so a new driver needs no line here.  The wire takes no time and
+every transfer is counted while the driver reads at its own pace.  Then nobody looks for longer
+and longer, until samples are lost: that is the depth of the FIFO.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+from imu_bench import bench, drivers
+from imu_bench.config import SensorConfig
+from imu_bench.doctor.metering import Meter, metered
+from imu_bench.drivers.driver import Driver
+from imu_bench.emulators.line import Line, Timing
+from imu_bench.errors import BenchError
+from imu_bench.simulation.clock import SimulatedClock
+import numpy as np
+import numpy.typing as npt
+
+COUNTED_S = 3.0
+SETTLING_LOOKS = 20
+LONGEST_AWAY_S = 2.0
+RESOLUTION = 0.01
+"""Relative, of the depth."""
+
+ONE_SAMPLE = 2.5
+"""Periods: a register that is overwritten lasts no longer, however the look falls."""
+
+_FREE = Timing(byte_ns=0.0, read_header=0, write_header=0, overhead_ns=0.0)
+
+
+@dataclass(frozen=True)
+class Demand:
+    """
+    What one sensor asks of its wire.
+
+    Attributes
+    ----------
+    kind : str
+        Kind of its bus.
+    rate_hz : float
+        Of its main stream, as set.
+    look_period_s : float
+        How often its driver reads.
+    per_second : ndarray, shape (4,)
+        Transfers, counted as in `imu_bench.doctor.metering.Meter`.
+    depth_s : float
+        For so long nobody has to look before samples are lost; `math.inf` beyond 2 s.
+    """
+
+    kind: str
+    rate_hz: float
+    look_period_s: float
+    per_second: npt.NDArray[np.float64]
+    depth_s: float
+
+    @property
+    def has_fifo(self) -> bool:
+        """Whether samples wait until somebody looks."""
+        return self.depth_s * self.rate_hz > ONE_SAMPLE
+
+
+class _Alone:
+    """A driver on an emulated chip whose wire takes no time."""
+
+    def __init__(self, sensor: SensorConfig) -> None:
+        self.clock = SimulatedClock()
+        self.meter = Meter()
+        buses = bench.emulated_buses(sensor, self.clock, Line(self.clock, _FREE))
+        made = drivers.load(sensor.driver)
+        self.clock.sleep(made.start_up_s)
+        self.driver: Driver = made(metered(buses, self.meter), self.clock, sensor.settings)
+        self.driver.identify()
+        self.driver.configure()
+        self.driver.start()
+        self.due_ns = self.clock.now_ns()
+
+    def look(self, after_s: float) -> bool:
+        """Read after a while; return whether samples were lost."""
+        continuity = self.driver.continuity
+        self.due_ns += round(after_s * 1e9)
+        self.clock.sleep_until(self.due_ns)
+        try:
+            self.driver.read()
+        except BenchError:
+            return True  # half of a frame
+        return self.driver.continuity != continuity or bool(self.driver.skipped)
+
+    def settle(self) -> None:
+        """Look for a while as the driver wants it."""
+        for _ in range(SETTLING_LOOKS):
+            self.look(self.driver.poll_period_s)
+
+    def count(self) -> npt.NDArray[np.float64]:
+        """Return the transfers per second at the driver's own pace."""
+        self.settle()
+        period_s = self.driver.poll_period_s
+        looks = max(round(COUNTED_S / period_s), SETTLING_LOOKS)
+        before = self.meter.counts.copy()
+        for _ in range(looks):
+            self.look(period_s)
+        return (self.meter.counts - before) / (looks * period_s)
+
+    def too_late(self, away_s: float) -> bool:
+        """Return whether samples are lost if nobody looks for a while."""
+        self.settle()
+        # what a device counts itself shows when the next of it arrives
+        return self.look(away_s) | self.look(self.driver.poll_period_s)
+
+
+def demand_of(sensor: SensorConfig) -> Demand | None:
+    """
+    Return what a sensor asks of its wire; None for a generic source, which has none.
+
+    Raises
+    ------
+    BenchError
+        If driver and settings do not go together.
+
+    Examples
+    --------
+    >>> found = demand_of(SensorConfig('left', 'mpu9250', 'emulated'))
+    >>> found.rate_hz, found.has_fifo, 36 < 1e3 * found.depth_s < 38
+    (1000.0, True, True)
+    """
+    if sensor.driver == bench.GENERIC:
+        return None
+    alone = _Alone(sensor)
+    driver = alone.driver
+    per_second = alone.count()
+    # what the host has to ask for is not there when it asks too late
+    depth_s = driver.poll_period_s if driver.paced else _depth_s(alone)
+    kind = bench.kind_of_bus(sensor)
+    return Demand(kind, driver.rate_hz, driver.poll_period_s, per_second, depth_s)
+
+
+def _depth_s(alone: _Alone) -> float:
+    low, high = alone.driver.poll_period_s, LONGEST_AWAY_S
+    if not alone.too_late(high):
+        return math.inf
+    while high - low > RESOLUTION * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if alone.too_late(middle) else (middle, high)
+    return low

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Who answers, and what it is.  Nothing is ever written to a register.
+
+I²C: at the addresses that the drivers know, and at no others, the identity register is read
+(its number, a repeated start, the bytes); of a die without one, the first register that may be
+read without changing anything.  SPI: the identity registers of chips whose reads begin with a
+one: chips of other protocols take the two bytes for the beginning of nothing.  Chips whose read
+bit is the last one (others would take it for a write), that talk in frames, or over a serial
+line are asked only where a bench says that they are there.  Banks
+are not selected, and what another program uses, or a kernel driver has taken, is left alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from imu_bench import drivers
+from imu_bench.bus.claim import ChipInUse
+from imu_bench.bus.clock import SystemClock
+from imu_bench.bus.i2c import I2cBus
+from imu_bench.bus.interface import RegisterBus
+from imu_bench.bus.opening import kind_among, open_bus
+from imu_bench.bus.spi import SpiFrameBus, SpiRegisterBus
+from imu_bench.bus.wiring import Wiring
+from imu_bench.config import SensorConfig
+from imu_bench.doctor.machine import Bus, kernel_driver
+from imu_bench.drivers.driver import Driver, Identity
+from imu_bench.errors import BenchError, BusBusy, NoAnswer, NotReady
+from imu_bench.registers import Register
+
+READ_BIT = 0x80
+
+MEMORIES = range(0x50, 0x58)
+"""Where memories live, such as that of a display or a HAT: never asked in a scan."""
+
+_WIDTH = {1: 2, 2: 4, 3: 6}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """
+    What is at one place.
+
+    Attributes
+    ----------
+    device : str
+    address : int or None
+        On I²C.
+    state : str
+        'known', 'unknown', 'in use', 'kernel driver', or 'failed'.
+    what : str
+        The part, or why it is not known.
+    drivers : tuple of str
+        Those that know it.
+    """
+
+    device: str
+    address: int | None
+    state: str
+    what: str
+    drivers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A die that may be at a place, and the register to ask it."""
+
+    driver: type[Driver]
+    wiring: Wiring
+    register: Register
+    identity: Identity | None
+
+
+def scan(bus: Bus) -> list[Answer]:
+    """
+    Return who answers on a bus; on a serial line nobody is asked.
+
+    Parameters
+    ----------
+    bus : Bus
+        That may be opened.
+    """
+    if bus.kind == 'i2c':
+        return list(_scan_i2c(bus.device))
+    return list(_scan_spi(bus.device)) if bus.kind == 'spi' else []
+
+
+def _scan_i2c(device: str) -> Iterator[Answer]:
+    places: dict[int, list[_Candidate]] = {}
+    for candidate in _candidates('i2c'):
+        for address in set(candidate.wiring.i2c_addresses) - set(MEMORIES):
+            places.setdefault(address, []).append(candidate)
+    for address, candidates in sorted(places.items()):
+        if kernel := kernel_driver(device, address):
+            yield Answer(device, address, 'kernel driver', f'{kernel} of the kernel has it')
+            continue
+        try:
+            found = _ask(candidates, lambda c, a=address: I2cBus(device, a, c.wiring, 0.0))
+        except NoAnswer:
+            continue
+        except ChipInUse as error:
+            yield Answer(device, address, 'in use', str(error))
+            continue
+        except BusBusy as error:
+            yield Answer(device, None, 'failed', str(error))
+            return  # every other address would take as long
+        except BenchError as error:
+            yield Answer(device, address, 'failed', str(error))
+            continue
+        yield Answer(device, address, *found)
+
+
+def _scan_spi(device: str) -> Iterator[Answer]:
+    candidates = [c for c in _candidates('spi') if c.wiring.spi_read == READ_BIT and c.identity]
+    try:
+        found = _ask(
+            candidates, lambda c: SpiRegisterBus(SpiFrameBus(device, c.wiring, 0.0), c.wiring)
+        )
+    except NoAnswer:
+        return
+    except ChipInUse as error:
+        yield Answer(device, None, 'in use', str(error))
+    except BenchError as error:
+        yield Answer(device, None, 'failed', str(error))
+    else:
+        state, what, who = found
+        if state == 'unknown':
+            what += f'; asked only where a bench says so: {", ".join(_not_scanned_for())}'
+        yield Answer(device, None, state, what, who)
+
+
+def _not_scanned_for() -> Iterator[str]:
+    """Yield the drivers on SPI whose question another chip could take for an order."""
+    for name in drivers.names():
+        driver = drivers.load(name)
+        late = 'spi' in driver.bus_kinds and driver.wiring[''].spi_read != READ_BIT
+        if late or 'frame' in driver.bus_kinds:
+            yield name
+
+
+def _candidates(kind: str) -> Iterator[_Candidate]:
+    """Yield every die of every driver that can be on such a bus."""
+    for name in drivers.names():
+        driver = drivers.load(name)
+        if kind not in driver.bus_kinds:
+            continue
+        for part, wiring in driver.wiring.items():
+            if wiring.i2c_addresses if kind == 'i2c' else wiring.spi_max_hz:
+                yield _Candidate(driver, wiring, *_question(driver, part, kind))
+
+
+def _question(driver: type[Driver], part: str, kind: str) -> tuple[Register, Identity | None]:
+    """Return the register to read of a die, and what its identity would be."""
+    for identity in driver.identities:
+        if identity.register.part == part:
+            return identity.register, identity
+    own = [r for r in driver.declared(Register).values() if r.part == part]
+    for register in own:
+        if register.access != 'wo' and not register.clear_on_read:
+            return register, None
+    # a converter has its registers under its own name
+    return next(iter(driver.channels_on(kind).values())).first, None
+
+
+def _ask(candidates: list[_Candidate], opened: Any) -> tuple[str, str, tuple[str, ...]]:
+    """Return state, what it is, and who knows it."""
+    known: dict[str, str] = {}
+    silent: BenchError = NoAnswer('nothing answers')
+    unknown: list[str] = []
+    guesses: list[str] = []
+    answered = False
+    for candidate in candidates:
+        bus: RegisterBus = opened(candidate)
+        try:
+            register = candidate.register
+            word = register.unpack(bus.read(register.address, register.size))
+        except NoAnswer as error:
+            silent = error
+            continue
+        finally:
+            bus.close()
+        driver, identity = candidate.driver, candidate.identity
+        if identity is None:
+            answered = True
+            guesses.append(driver.name)
+        elif word in identity.expected:
+            known[driver.name] = identity.expected[word]
+        elif word not in (0, (1 << 8 * register.size) - 1) or word in identity.others:
+            answered = True
+            meant = identity.others.get(word)
+            said = f'0x{register.address:02X} holds 0x{word:0{_WIDTH.get(register.size, 8)}X}'
+            unknown.append(meant or f'{said}, which is not {driver.title}')
+        else:
+            unknown.append('')
+    if known:
+        return 'known', ', '.join(dict.fromkeys(known.values())), tuple(known)
+    if answered and guesses:
+        what = f'something without an identity register: {" or ".join(guesses)}?'
+        return 'unknown', what, tuple(guesses)
+    texts = [text for text in dict.fromkeys(unknown) if text]
+    if answered:
+        return 'unknown', '; '.join(texts), ()
+    raise silent
+
+
+def check(sensor: SensorConfig) -> str:
+    """
+    Return what the hardware of a sensor is.
+
+    Parameters
+    ----------
+    sensor : SensorConfig
+        With the backend 'hardware'.
+
+    Raises
+    ------
+    BusError
+        If its bus cannot be opened, or nothing answers there.
+    IdentityError
+        If something else answers.
+    NotReady
+        If it cannot be asked without changing what it does.
+    """
+    driver = drivers.load(sensor.driver)
+    kind = kind_among(sensor.bus, driver.bus_kinds)
+    buses = open_bus(sensor.bus, driver.wiring, driver.bus_kinds, sensor.address, patience_s=0.0)
+    try:
+        return _identified(driver, buses, kind, sensor)
+    finally:
+        for wire in buses.values():
+            wire.close()
+
+
+def _identified(driver: type[Driver], buses: Any, kind: str, sensor: SensorConfig) -> str:
+    device = driver(buses, SystemClock(), sensor.settings)
+    found = [
+        # without its bank: selecting it would be a write
+        device.check_identity(replace(identity, register=_unbanked(identity.register)))
+        for identity in driver.identities
+        if identity.register.part in buses
+    ]
+    if found:
+        return found[0]
+    if kind == 'i2c':
+        register, _ = _question(driver, '', kind)
+        buses[''].read(register.address, register.size)
+        return f'{driver.title} has no identity register; something answers'
+    raise NotReady(
+        f'{sensor.bus} can be opened; {driver.title} cannot be asked who it is without changing '
+        'what it does, its node will do so'
+    )
+
+
+def _unbanked(register: Register) -> Register:
+    plain = replace(register, bank=None)
+    object.__setattr__(plain, 'name', register.name)
+    return plain

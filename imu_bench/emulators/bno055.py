@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The BNO055 seen from its wire: BST-BNO055-DS000-12 rev. 1.2.
+
+Pages, operation modes with the times they take, registers that can be written in CONFIG only,
+data that are overwritten sample by sample, and the serial protocol in front of all that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from imu_bench.bus.framing import bosch_uart
+from imu_bench.bus.interface import Clock
+from imu_bench.drivers.bno055 import Bno055, FIELD_HZ, FUSED_HZ, MEASURED, PLAIN_HZ
+from imu_bench.drivers.driver import Driver
+from imu_bench.emulators.attitude import Attitude
+from imu_bench.emulators.line import Line
+from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
+from imu_bench.emulators.stream import EmulatedStream, StreamDevice
+from imu_bench.registers import Channel, Register
+from imu_bench.samples import Samples
+from imu_bench.units import DEGREE, STANDARD_GRAVITY
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+B = Bno055
+BOOT_NS, RESET_NS = 400_000_000, 650_000_000  # DS table 0-2
+TO_CONFIG_NS, FROM_CONFIG_NS = 19_000_000, 7_000_000  # DS table 3-6
+CRYSTAL_NS = 600_000_000  # DS gives no time; drivers wait up to 650 ms
+IDLE_NS = 10_000_000_000  # nobody asked for so long: the samples in between are skipped
+ANY_MODE = (B.PAGE_ID, B.OPR_MODE, B.SYS_TRIGGER)
+_DATA = (B.ACC_DATA, B.MAG_DATA, B.GYR_DATA, B.EUL_DATA, B.QUA_DATA, B.LIA_DATA, B.GRV_DATA)
+_PAGE = B.PAGE_ID.address
+# LSB by the bit of UNIT_SEL (DS section 3.6.1), over those of the driver
+_ACCELERATION = (1.0, STANDARD_GRAVITY / 1000 / 0.01)
+_ROTATION = (1.0, 16 / 900 / DEGREE)
+
+
+class Bno055Chip(EmulatedChip):
+    """
+    Both pages.
+
+    Parameters
+    ----------
+    source : Source
+    start_ns : int
+        Power-up.
+    """
+
+    def __init__(self, source: Source, start_ns: int) -> None:
+        super().__init__(B.declared(Register).values())
+        self._source = source
+        self.power_up(start_ns)
+
+    def power_up(self, at_ns: int) -> None:
+        """Begin at the reset values; nothing answers at first."""
+        self._boot(at_ns + BOOT_NS)
+
+    def _boot(self, ready_ns: int) -> None:
+        self.memory.reset()
+        self._ready_ns = self._settled_ns = self._now_ns = ready_ns
+        self._mode = 'config'
+        self._crystal_ns = 0
+        self._made = 0
+
+    def answers(self, at_ns: int) -> bool:
+        """Return whether the start is over."""
+        return at_ns >= self._ready_ns
+
+    # --- registers -----------------------------------------------------------------------
+    def decode_address(self, first: int) -> tuple[int, bool]:
+        """Return the register of the page that is selected."""
+        page = self.memory.word(B.PAGE_ID) & 1
+        return (_PAGE if first == _PAGE else page + 1 << 8 | first), True
+
+    def following(self, number: int) -> int:
+        """Return the next register; the page itself is on both pages."""
+        following = number + 1
+        if following & 0xFF == _PAGE:
+            return _PAGE
+        if number == _PAGE:
+            return (self.memory.word(B.PAGE_ID) & 1) + 1 << 8 | following
+        return following
+
+    def refuses(self, first: int, at_ns: int) -> bool:
+        """Return whether a write is ignored: configuration outside CONFIG, or during a change."""
+        register = self.memory.owner(self.decode_address(first)[0])
+        if register is B.PAGE_ID:
+            return False
+        if at_ns < self._settled_ns:
+            return True
+        return register not in ANY_MODE and self._mode != 'config'
+
+    def write(self, first: int, data: bytes, at_ns: int) -> None:
+        """Take what may be written now."""
+        if not self.refuses(first, at_ns):
+            super().write(first, data, at_ns)
+
+    def written(self, register: Register, at_ns: int) -> None:
+        """Change the mode, or reset."""
+        memory = self.memory
+        if register is B.OPR_MODE:
+            self._change_mode(str(memory.value(B.mode)), at_ns)
+        elif register is B.SYS_TRIGGER:
+            if memory.code(B.reset_system):
+                self._boot(at_ns + RESET_NS)
+            elif memory.code(B.external_clock) and self._mode == 'config':
+                self._crystal_ns = at_ns + CRYSTAL_NS
+                memory.put(B.clock_busy, 1)
+            memory.set(B.SYS_TRIGGER, 0)
+
+    def _change_mode(self, mode: str, at_ns: int) -> None:
+        if mode == self._mode:
+            return
+        self._mode = mode
+        self._settled_ns = at_ns + (TO_CONFIG_NS if mode == 'config' else FROM_CONFIG_NS)
+        self._fused = mode in FUSED_HZ
+        self.memory.put(B.state, 0 if mode == 'config' else 5 if self._fused else 6)
+        for register in _DATA:
+            self.memory.set(register, 0)
+        if mode == 'config':
+            return
+        self._made = 0
+        self._rate_hz = FUSED_HZ.get(mode, PLAIN_HZ)
+        field_hz = FIELD_HZ.get(mode) or float(self.memory.value(B.magnetometer_rate_hz))
+        self._field_step = max(1, round(self._rate_hz / field_hz))
+        self._attitude = Attitude(self._rate_hz)
+        self._source.restart(self._settled_ns, self._rate_hz)
+        self._now_ns = self._settled_ns
+
+    # --- sampling ------------------------------------------------------------------------
+    def advance(self, to_ns: int) -> None:
+        """Overwrite the data with every sample that is due."""
+        if self._crystal_ns and to_ns >= self._crystal_ns:
+            self._crystal_ns = 0
+            self.memory.put(B.clock_busy, 0)
+        if self._mode == 'config' or to_ns <= self._now_ns:
+            return
+        if to_ns - self._now_ns > IDLE_NS:
+            self._source.restart(to_ns - IDLE_NS // 10)
+        self._now_ns = to_ns
+        samples = self._source.samples_until(to_ns)
+        if len(samples):
+            self._take(samples)
+
+    def _take(self, samples: Samples) -> None:
+        letters = MEASURED.get(self._mode, 'M')
+        before, self._made = self._made, self._made + len(samples)
+        newest = samples[-1:]
+        if 'A' in letters:
+            si = _or_zero(newest.acceleration)
+            self._put(B.acceleration, si, _ACCELERATION[self._unit(0)])
+        if 'G' in letters:
+            si = _or_zero(newest.angular_velocity)
+            self._put(B.angular_velocity, si, _ROTATION[self._unit(1)])
+        if 'M' in letters and before // self._field_step != self._made // self._field_step:
+            self._put(B.magnetic_field, _or_zero(newest.magnetic_field))
+        celsius = 0.0 if newest.temperature is None else float(newest.temperature[0])
+        # DS section 3.6.1: 1 °C, or 2 °F
+        shown = (celsius * 1.8 + 32) / 2 if self._unit(4) else celsius
+        self._put(B.temperature, np.array([shown]))
+        if self._fused:
+            self._fuse(samples, 'M' in letters)
+
+    def _fuse(self, samples: Samples, with_field: bool) -> None:
+        """Fill what only the fusion makes."""
+        force = _or_zero(samples.acceleration, len(samples))
+        if samples.orientation is None:
+            field = samples.magnetic_field if with_field else None
+            quaternion = self._attitude.follow(force, field)[-1:]
+        else:
+            quaternion = samples.orientation[-1:]
+        memory = self.memory
+        self._put(B.orientation, quaternion)
+        rotation = Rotation.from_quat(quaternion[0])
+        down = rotation.inv().apply([0.0, 0.0, STANDARD_GRAVITY])
+        ratio = _ACCELERATION[self._unit(0)]
+        range_ = memory.value(B.accelerometer_range)
+        for register, si in ((B.GRV_DATA, down), (B.LIA_DATA, force[-1] - down)):
+            words = B.acceleration.encode(si[np.newaxis], range_, ratio)
+            memory.fill(register, words.tobytes())
+        # heading, roll, pitch, 16 LSB per degree (DS section 3.6.5.4)
+        yaw, pitch, roll = rotation.as_euler('ZYX', degrees=True)
+        angles = np.rint(16 * np.array([-yaw % 360.0, roll, pitch])).astype('<i2')
+        memory.fill(B.EUL_DATA, angles.tobytes())
+        seconds = self._made / self._rate_hz
+        # gyroscope first, then magnetometer, accelerometer and system: how fast is assumed
+        gyro, compass, system = (3 if seconds > limit else 0 for limit in (1.0, 3.0, 5.0))
+        memory.set(B.CALIB_STAT, system << 6 | gyro << 4 | system << 2 | compass)
+
+    def _unit(self, bit: int) -> int:
+        """Return a bit of UNIT_SEL."""
+        return self.memory.word(B.UNIT_SEL) >> bit & 1
+
+    def _put(self, channel: Channel, si: np.ndarray, ratio: float = 1.0) -> None:
+        words = self.memory.quantise(channel, si, ratio)
+        self.memory.fill(channel.first, words.tobytes())
+
+
+def _or_zero(values: np.ndarray | None, n: int = 1) -> np.ndarray:
+    return np.zeros((n, 3)) if values is None else values
+
+
+class Bno055Uart(StreamDevice):
+    """
+    The serial protocol in front of the chip (DS section 4.7).
+
+    Parameters
+    ----------
+    chip : Bno055Chip
+    overrun_every : int
+        So many commands are answered, then one is not but with an overrun; 0 for never.
+    """
+
+    baud = 115_200
+    PATIENCE_NS = 30_000_000  # for the next character of a command: not in the document
+    ANSWER_NS = 300_000  # not in the document
+
+    def __init__(self, chip: Bno055Chip, overrun_every: int = 0) -> None:
+        self.chip = chip
+        self._overrun_every = overrun_every
+        self._commands = 0
+        self._heard_ns = 0
+        self._command = b''
+        self._to_send: list[tuple[int, bytes]] = []
+
+    def power_up(self, at_ns: int) -> None:
+        """Begin anew."""
+        self.chip.power_up(at_ns)
+        self._command = b''
+
+    def advance(self, to_ns: int) -> Iterable[tuple[int, bytes]]:
+        """Return the answers; a command that is not complete in time is refused."""
+        if self._command and to_ns - self._heard_ns > self.PATIENCE_NS:
+            self._command = b''
+            self._say(0x0A, self._heard_ns + self.PATIENCE_NS)
+        sent, self._to_send = self._to_send, []
+        return sent
+
+    def receive(self, data: bytes, at_ns: int) -> None:
+        """Answer a command when its last byte is here."""
+        if not self.chip.answers(at_ns):
+            self._command = b''
+            return
+        self._heard_ns = at_ns
+        self._command += data
+        if self._command[0] != bosch_uart.START:
+            self._command = b''
+            self._say(0x06, at_ns)
+            return
+        if len(self._command) < 4:
+            return
+        direction, register, length = self._command[1:4]
+        need = 4 if direction == bosch_uart.READ else 4 + length
+        if len(self._command) < need:
+            return
+        content, self._command = self._command[4:need], b''
+        self._commands += 1
+        if self._overrun_every and self._commands % (self._overrun_every + 1) == 0:
+            self._say(0x07, at_ns)
+        else:
+            self._obey(direction, register, length, content, at_ns)
+
+    def _obey(
+        self, direction: int, register: int, length: int, content: bytes, at_ns: int
+    ) -> None:
+        chip = self.chip
+        known = chip.memory.owner(chip.decode_address(register)[0]) is not None
+        if length == 0:
+            self._say(0x09, at_ns)
+        elif length > bosch_uart.LONGEST:
+            self._say(0x08, at_ns)
+        elif not known:
+            self._say(0x04, at_ns)
+        elif direction == bosch_uart.READ:
+            read = chip.read(register, length, at_ns, 0.0)
+            if self.foreign and register < 7:
+                read = bytes(byte ^ 0x1E for byte in read)
+            self._to_send.append((at_ns + self.ANSWER_NS, bytes([bosch_uart.DATA, length]) + read))
+        elif chip.refuses(register, at_ns):
+            self._say(0x05, at_ns)
+        else:
+            chip.write(register, content, at_ns)
+            # a chip that resets has nothing more to say
+            if chip.answers(at_ns):
+                self._say(bosch_uart.SUCCESS, at_ns)
+
+    def _say(self, code: int, at_ns: int) -> None:
+        self._to_send.append((at_ns + self.ANSWER_NS, bytes([bosch_uart.STATUS, code])))
+
+
+def create(
+    driver: type[Driver],
+    kind: str,
+    name: str,
+    source: Source,
+    clock: Clock,
+    line: Line,
+    **options: int,
+) -> Mapping[str, EmulatedBus | EmulatedStream]:
+    """Return the wire of a BNO055: I²C, or its serial line."""
+    chip = Bno055Chip(source, clock.now_ns())
+    if kind == 'serial':
+        uart = Bno055Uart(chip, **options)
+        return {'': EmulatedStream(name, clock, uart, driver.wiring[''].serial_baud)}
+    return {'': EmulatedBus(name, line, chip)}

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any chip of one die whose declared FIFO keeps the newest samples: its map, run backwards."""
+
+from __future__ import annotations
+
+from imu_bench.drivers.driver import Driver
+from imu_bench.emulators.fifo_chip import FifoChip
+from imu_bench.emulators.low_pass import LowPass
+from imu_bench.emulators.register_map import Source
+from imu_bench.emulators.slot_fifo import SlotFifo
+from imu_bench.registers import Channel, Field, Fifo, Frame, Register, Write
+from imu_bench.samples import Samples
+import numpy as np
+
+
+def reset_registers(driver: type[Driver]) -> frozenset[Register]:
+    """
+    Return the registers whose writing resets the chip.
+
+    They are those that the driver's reset sequence writes a self-clearing field of.
+
+    Examples
+    --------
+    >>> from imu_bench.drivers import load
+    >>> [register.name for register in reset_registers(load('mpu9250'))]
+    ['PWR_MGMT_1']
+    """
+    return frozenset(
+        target.register
+        for step in driver.reset_steps
+        if isinstance(step, Write)
+        for target in step.values
+        if isinstance(target, Field) and target.self_clearing
+    )
+
+
+class GenericFifoChip(FifoChip):
+    """
+    Registers, and a FIFO behind one of them.
+
+    Parameters
+    ----------
+    driver : type of Driver
+        Its declarations are the chip.
+    source : Source
+    start_ns : int
+        Power-up.
+    """
+
+    slot_numbers = ()
+
+    def __init__(self, driver: type[Driver], source: Source, start_ns: int) -> None:
+        (sheet,) = driver.declared(Fifo).values()
+        super().__init__(driver.declared(Register).values(), source, SlotFifo(sheet.depth))
+        self._sheet = sheet
+        self._channels = tuple(driver.declared(Channel).values())  # type: ignore[type-abstract]
+        self._resets = reset_registers(driver)
+        self.start_up_ns = round(driver.start_up_s * 1e9)
+        self.ports = self.quiet = frozenset({sheet.port.number})
+        self._torn = b''
+        self.power_up(start_ns)
+
+    def reset(self, at_ns: int) -> None:
+        """Return to the reset values."""
+        self._torn = b''
+        super().reset(at_ns)
+
+    def rate_hz(self) -> float:
+        """Return the rate its registers ask for, 0 for none."""
+        field, value = self._sheet.runs
+        if self.memory.value(field) != value:
+            return 0.0
+        return float(self.memory.value(self._sheet.rate))
+
+    def fifo_mode(self) -> str:
+        """Return that a full FIFO gives up its oldest sample."""
+        return 'overwrites'
+
+    def settle(self, rate_hz: float) -> None:
+        """Set up filters for a rate."""
+        corner = self._sheet.low_pass * rate_hz
+        self._filters = {channel: LowPass(corner, rate_hz) for channel in self._channels}
+
+    def slots(self, samples: Samples) -> np.ndarray:
+        """Return a frame of each sample."""
+        frame, words = self._sheet.frame, {}
+        for channel in self._channels:
+            si = getattr(samples, channel.quantity)
+            if si is None:
+                continue
+            if si.ndim > 1:
+                si = self._filters[channel].filter(si)
+            words[channel.quantity] = found = self.memory.quantise(channel, si)
+            newest = Frame(channel).pack({channel.quantity: found[-1:]}, 1)
+            self.memory.fill(channel.first, newest)
+        inside = {name: words[name] for name in frame.dtype.names or () if name in words}
+        rows = np.frombuffer(frame.pack(inside, len(samples)), np.uint8)
+        marks = np.frombuffer(self._sheet.marks or bytes(frame.size), np.uint8)
+        return rows.reshape(len(samples), -1) | marks
+
+    def show(self, newest: bytes, samples: Samples) -> None:
+        """Do nothing: `slots` has put the newest words into the data registers."""
+
+    def advance(self, to_ns: int) -> None:
+        """Take every sample that is due; that one was lost is told until it was read."""
+        super().advance(to_ns)
+        if self.fifo.overrun:
+            self.fifo.overrun = False
+            self.memory.put(self._sheet.overrun, 1)
+
+    # --- the wire ------------------------------------------------------------------------
+    def reading(self, number: int, at_ns: int) -> None:
+        """Latch the count, of what was begun its whole units."""
+        sheet = self._sheet
+        if number == sheet.count.number:
+            begun = len(self._torn) * sheet.units // sheet.frame.size
+            self.memory.set(sheet.count, len(self.fifo) * sheet.units + begun)
+
+    def read_port(self, number: int, length: int, at_ns: int, byte_ns: float) -> bytes:
+        """Empty the FIFO; samples go on coming meanwhile."""
+        out = bytearray(self._torn)
+        while len(out) < length:
+            self.advance(at_ns + round(len(out) * byte_ns))
+            out += self.fifo.take(1) if len(self.fifo) else self._sheet.empty
+        self._torn = bytes(out[length:])
+        return bytes(out[:length])
+
+    def written(self, register: Register, at_ns: int) -> None:
+        """Reset, or sample at another rate."""
+        if register in self._resets:
+            self.reset(at_ns)
+        elif register in (self._sheet.rate.register, self._sheet.runs[0].register):
+            self.change_rate(at_ns)

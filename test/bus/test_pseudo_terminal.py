@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+MTi-300 and BNO055 through unmodified pyserial, at the other end of a pseudo-terminal.
+
+The devices are the emulated ones; what is proven here is the way to them: a program that opens
+a serial line, loses it and finds it again.
+"""
+
+from contextlib import suppress
+import json
+import os
+from pathlib import Path
+import select
+import signal
+import subprocess
+import sys
+import threading
+import tty
+
+from imu_bench.acquisition import Acquisition
+from imu_bench.bus.clock import SystemClock
+from imu_bench.bus.opening import open_bus
+from imu_bench.config import sensor_from_parameters
+from imu_bench.drivers import load
+from imu_bench.emulators import create
+from imu_bench.simulation.world import sensor_source
+import numpy as np
+import pytest
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+
+CLIENT = Path(__file__).resolve().parents[1] / 'umockdev' / 'client.py'
+PARTS = {'mti300': 'MTI-300', 'bno055': 'Bosch BNO055'}
+every_sensor = pytest.mark.parametrize('name', PARTS)
+
+
+class Cable:
+    """An emulated device that can be plugged in under a name, and pulled."""
+
+    def __init__(self, path, name):
+        self.path, self.clock = path, SystemClock()
+        driver = load(name)
+        config = sensor_from_parameters(name, {'driver': name, 'backend': 'emulated'})
+        now = self.clock.now_ns()
+        source = sensor_source(config, driver.typical, 1.0, now, on_wire=True)
+        self.line = create(name, 'serial', source, self.clock)['']
+        self.pulled = threading.Event()
+        self.thread = None
+        self.plug_in()
+
+    def plug_in(self):
+        """Switch the device on, behind a new pseudo-terminal under the old name."""
+        self.line.chip.power_up(self.clock.now_ns())
+        self.pulled.clear()
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        self.path.symlink_to(os.ttyname(slave))
+        self.thread = threading.Thread(target=self.serve, args=(master, slave))
+        self.thread.start()
+
+    def pull(self):
+        """Take the name away and hang up."""
+        self.path.unlink()
+        self.pulled.set()
+        self.thread.join()
+
+    def serve(self, master, slave):
+        """Carry bytes both ways until pulled."""
+        while not self.pulled.is_set():
+            if select.select([master], [], [], 0.001)[0]:
+                self.line.write(os.read(master, 4096))
+            if data := self.line.read(0.0):
+                with suppress(OSError):
+                    os.write(master, data)
+        for handle in (master, slave):
+            os.close(handle)
+
+
+@pytest.fixture
+def cable(tmp_path):
+    """Return what lays a cable to a device."""
+    laid = []
+
+    def lay(name):
+        laid.append(Cable(tmp_path / 'ttyUSB0', name))
+        return laid[-1]
+
+    yield lay
+    for each in laid:
+        if not each.pulled.is_set():
+            each.pull()
+
+
+@every_sensor
+def test_a_program_with_the_real_library_reads_it(cable, name):
+    made = cable(name)
+    path = made.path
+    # not a program's first question: the device has to have started
+    made.clock.sleep(load(name).start_up_s)
+    result = subprocess.run(
+        [sys.executable, CLIENT, name, path, '0x0', '300'],
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout.splitlines()[-1])
+    assert found['libraries'] == ['serial']
+    assert found['part'].startswith(PARTS[name])
+    assert found['samples'] >= 300
+    assert found['rising']
+    assert found['error'] == ''
+    assert found['acceleration'] == pytest.approx(9.8, abs=1.5)
+    assert found['counters'].get('checksum_errors', 0) == 0
+    assert found['counters']['brown_outs'] == 0
+
+
+@every_sensor
+def test_a_plug_that_is_pulled_is_named_and_survived(cable, name):
+    made = cable(name)
+    driver = load(name)
+    wires = open_bus(str(made.path), driver.wiring, driver.bus_kinds)
+    acquisition = Acquisition(driver(wires, made.clock, {}), made.clock, name=name)
+    runs, errors = [], set()
+
+    def until(happened, patience_s=20.0):
+        deadline = made.clock.now_ns() + round(patience_s * 1e9)
+        while not happened() and made.clock.now_ns() < deadline:
+            made.clock.sleep(0.02)
+            runs.extend(run for run in acquisition.drain() if run.acceleration is not None)
+            if acquisition.error is not None:
+                errors.add(type(acquisition.error).__name__)
+        assert happened()
+
+    try:
+        acquisition.start()
+        until(lambda: sum(map(len, runs)) > 100)
+        made.pull()
+        until(lambda: acquisition.error is not None)
+        made.plug_in()
+        plugged_ns = made.clock.now_ns()
+        until(lambda: runs[-1].stamps[-1] > plugged_ns + 10**9)
+    finally:
+        acquisition.close()
+    assert 'NoAnswer' in errors
+    assert acquisition.stats.recoveries >= 1
+    stamps = np.concatenate([run.stamps for run in runs])
+    assert (np.diff(stamps) > 0).all()
+    for run in runs:
+        assert np.abs(run.acceleration[:, 2] - 9.8).max() < 1.5
+
+
+@pytest.mark.ros
+@every_sensor
+def test_the_node_runs_on_a_serial_line(cable, name, tmp_path):
+    path = cable(name).path
+    process = subprocess.Popen(
+        [
+            sys.executable, '-m', 'imu_bench.nodes.sensor_node', '--ros-args',
+            '-p', f'driver:={name}', '-p', 'backend:=hardware', '-p', f'bus:={path}',
+        ],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**os.environ, 'PYTHONUNBUFFERED': '1', 'ROS_LOG_DIR': str(tmp_path)},
+    )  # fmt: skip
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if f'hardware {name} {path}' in line:
+            break
+    assert PARTS[name] in lines[-1], ''.join(lines)
+    assert 'these are not measurements' not in ''.join(lines)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=30)
+    assert process.returncode == 0, output

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`imu-bench demo --faults` as a user runs it: two sensors, four faults, each recovered from."""
+
+import json
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(200)]
+
+SENSORS = Path(__file__).resolve().parents[2] / 'config' / 'sensors'
+FAULTS = {
+    'mpu9250': ['unplugged 9 1', 'stall 14 0.3'],
+    'scl3300': ['bit_errors 10 0.5', 'brown_out 15'],
+}
+
+
+def run_demo(folder, faults, *arguments):
+    """Write a bench with these faults; return what the demo says of it."""
+    entries = [
+        {'file': str(SENSORS / f'{name}.yaml'), 'overrides': {'simulation': {'faults': script}}}
+        for name, script in faults.items()
+    ]
+    path = folder / 'my_bench.yaml'
+    path.write_text(yaml.safe_dump({'name': 'mine', 'sensors': entries}), encoding='utf-8')
+    command = [sys.executable, '-m', 'imu_bench.cli.main', 'demo', '--faults', str(path)]
+    return subprocess.run(
+        [*command, '-o', str(folder / 'run'), *arguments],
+        capture_output=True, text=True, timeout=180,
+    )  # fmt: skip
+
+
+def test_each_fault_is_told_live_recovered_from_and_in_the_report(tmp_path):
+    result = run_demo(tmp_path, FAULTS)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert '4 of 4 faults recovered from, ' in result.stdout
+    for words in (
+        'unplugged +begins, for 1 s',
+        'unplugged +NoAnswer: emulated mpu9250 on i2c: nothing answers; check power',
+        r'unplugged +over: data again after \d\.\d\d s, [\d\u202f]+ samples lost',
+        r'stall .*fifo_overflows 1',
+        'bit_errors +ChecksumError: emulated scl3300 on frame: ',
+        r'brown_out +over: .*brown_outs 1',
+    ):
+        assert re.search(words, result.stderr), (words, result.stderr)
+    # counted as lost and missing in the recording are the same samples
+    document = json.loads((tmp_path / 'run' / 'results.json').read_text(encoding='utf-8'))
+    missing = {e['topic'].split('/')[2]: e['health']['missing'] for e in document['recordings']}
+    for name in FAULTS:
+        lost, seen = re.search(
+            rf'{name}: (\d+) lost by faults.*; (\d+) missing in the recording', result.stdout
+        ).groups()
+        assert int(seen) == missing[name]
+        assert int(lost) > 20
+        assert int(seen) >= int(lost) - 4
+    assert 'missing' in (tmp_path / 'run' / 'report.html').read_text(encoding='utf-8')
+
+
+def test_a_fault_that_was_not_played_is_no_success(tmp_path):
+    result = run_demo(tmp_path, {'scl3300': ['unplugged 3000 1']}, '--duration', '2')
+    assert result.returncode == 1
+    assert 'was not played; give a longer --duration' in result.stdout
+
+
+def test_a_bench_without_faults_says_how_to_give_some(tmp_path):
+    result = run_demo(tmp_path, {'scl3300': []})
+    assert result.returncode == 1
+    assert 'no fault is scripted in this bench; give simulation.faults' in result.stderr
+    assert result.stderr.count('\n') == 1
