@@ -107,6 +107,10 @@ def test_the_prediction_agrees_with_the_emulated_bench(sensors, speed_hz):
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True,
+    reason='a BNO055 that is looked at too seldom gives up samples that it cannot date: 9.7 Hz',
+)
 def test_polled_sensors_on_a_full_bus_get_what_arithmetic_gives_them():
     timing = Timing.i2c(50e3)
     sensors = [sensor(name, 'bno055') for name in 'abcd']
