@@ -2,11 +2,13 @@
 """
 Analog Devices ADXL355: accelerometer of low noise.
 
-Document: ADXL354/ADXL355 data sheet rev. C (DS).  Its register map, codes and scales were
-checked against the maker's own driver (no-OS, drivers/accel/adxl355), the tag of the FIFO
-against bytes from a chip.  Assumed: the axes are right-handed as DS draws them, reading STATUS
-clears the overrun flag, and typical values other than the noise.  The ADXL357 has the same
-part number in its registers; its ranges are five times wider.
+Document: ADXL354/ADXL355 data sheet rev. C (DS), which was not at hand: register map, codes,
+scales and temperature are those of the maker's own driver (no-OS, drivers/accel/adxl355), the
+tag of the FIFO follows from bytes captured from a chip, noise and bandwidth from a quotation of
+DS.  Everything else that names DS below is an assumption to be checked against it: start-up
+times, entries behind the FIFO, timing of the buses, offset and its drift, scale error.  Assumed
+as well: right-handed axes, and that reading STATUS clears the overrun flag.  The ADXL357 has the
+same part number in its registers; its ranges are five times wider.
 """
 
 from __future__ import annotations
