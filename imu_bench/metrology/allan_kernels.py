@@ -15,17 +15,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from imu_bench.metrology import blockwise, workspace
-from imu_bench.metrology.blockwise import in_turn, product_sum, Run, square_sum
+from imu_bench.metrology.blockwise import in_turn, Run, square_sum
 import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
-
-
-_LEFT = 1e-3
-"""Share of the squares that must be left for a difference of sums; three digits of 16 go."""
 
 
 def complete_runs(valid: Mask) -> Integers:
@@ -65,14 +61,14 @@ def second_difference_sums(
     >>> sums.tolist(), terms.tolist()
     ([12.0, 64.0], [3, 1])
     """
-    return _sums(_second_squares, 2, phase, m, runs, run)
+    return _sums(_second, 2, phase, m, runs, run)
 
 
 def third_difference_sums(
     phase: Floats, m: Integers, runs: Integers, run: Run = in_turn
 ) -> tuple[Floats, Integers]:
     """Return sum and number of the squared third differences with full overlap."""
-    return _sums(_third_squares, 3, phase, m, runs, run)
+    return _sums(_third, 3, phase, m, runs, run)
 
 
 def thinned(
@@ -130,11 +126,11 @@ def modified_sums(phase: Floats, m: Integers, runs: Integers) -> tuple[Floats, I
     return sums, terms
 
 
-Squares = Callable[[Floats, int, int, int, Floats], float]
+Block = Callable[[Floats, int, int, int, Floats], Floats]
 
 
 def _sums(
-    squares_of: Squares, order: int, phase: Floats, m: Integers, runs: Integers, run: Run
+    difference: Block, order: int, phase: Floats, m: Integers, runs: Integers, run: Run
 ) -> tuple[Floats, Integers]:
     lengths = runs[:, 1] - runs[:, 0]
     terms = np.maximum(lengths[:, None] - order * m[None, :], 0).sum(axis=0)
@@ -151,7 +147,7 @@ def _sums(
         start, end, last = job
         with desk.taken() as work:
             return [
-                squares_of(phase, factor, start, stop, work)
+                square_sum(difference(phase, factor, start, stop, work))
                 for factor in factors
                 if (stop := min(end, last - order * factor)) > start
             ]
@@ -178,30 +174,8 @@ def _second(phase: Floats, m: int, start: int, stop: int, work: Floats) -> Float
     return block
 
 
-def _second_squares(phase: Floats, m: int, start: int, stop: int, work: Floats) -> float:
-    """
-    Return the sum of squares of the second differences from every point of a block.
-
-    (b - a)² is a² + b² - 2ab, with first differences a and b which are the same ones, m points
-    apart: two passes over one array in the place of a second difference and its square.  Where
-    so much cancels that digits are lost, as on a ramp, it is the second difference after all.
-    """
-    count = stop - start
-    if m >= count:
-        return square_sum(_second(phase, m, start, stop, work))
-    first = np.subtract(
-        phase[start + m : stop + 2 * m], phase[start : stop + m], out=work[: count + m]
-    )
-    early, late = first[:count], first[m:]
-    both = 2.0 * square_sum(early) + square_sum(first[count:]) - square_sum(first[:m])
-    squares = both - 2.0 * product_sum(early, late)
-    if squares > _LEFT * both:
-        return squares
-    return square_sum(np.subtract(late, early, out=work[2 * count : 3 * count]))
-
-
-def _third_squares(phase: Floats, m: int, start: int, stop: int, work: Floats) -> float:
-    """Return the sum of squares of the third differences from every point of a block."""
+def _third(phase: Floats, m: int, start: int, stop: int, work: Floats) -> Floats:
+    """Return the third differences from every point of a block, in `work`."""
     count = stop - start
     block = np.subtract(
         phase[start + 2 * m : stop + 2 * m], phase[start + m : stop + m], out=work[:count]
@@ -209,4 +183,4 @@ def _third_squares(phase: Floats, m: int, start: int, stop: int, work: Floats) -
     block *= -3.0
     block += phase[start + 3 * m : stop + 3 * m]
     block -= phase[start:stop]
-    return square_sum(block)
+    return block

@@ -84,7 +84,7 @@ def averaging_factors(
     >>> averaging_factors(100, 'octave').tolist()
     [1, 2, 4, 8, 16, 32]
     >>> averaging_factors(1000, 'log', per_decade=3).tolist()
-    [1, 2, 5, 10, 22, 46, 99, 216]
+    [1, 2, 5, 10, 22, 45, 99, 216]
     >>> averaging_factors(1000, [0.5, 1.0], rate_hz=10.0).tolist()
     [5, 10]
     """

@@ -79,27 +79,15 @@ def square_sum(values: Floats) -> float:
     """
     Return the sum of squares of a contiguous array, shape (n,).
 
-    Examples
-    --------
-    >>> square_sum(np.arange(20_000.0))
-    2666466670000.0
-    """
-    return product_sum(values, values)
-
-
-def product_sum(one: Floats, other: Floats) -> float:
-    """
-    Return the sum of the products of two contiguous arrays, both of shape (n,).
-
     A stack of dot products reads the data once and leaves the lock of the interpreter alone;
     each is too short for the linear algebra library to start threads of its own.
 
     Examples
     --------
-    >>> product_sum(np.ones(20_000), np.full(20_000, 2.0))
-    40000.0
+    >>> square_sum(np.arange(20_000.0))
+    2666466670000.0
     """
-    whole = one.size // _DOT * _DOT
-    rows = one[:whole].reshape(-1, 1, _DOT)
-    columns = other[:whole].reshape(-1, _DOT, 1)
-    return float(np.matmul(rows, columns).sum()) + float(one[whole:] @ other[whole:])
+    whole = values.size // _DOT * _DOT
+    rows = values[:whole].reshape(-1, 1, _DOT)
+    rest = values[whole:]
+    return float(np.matmul(rows, rows.transpose(0, 2, 1)).sum()) + float(rest @ rest)
