@@ -6,6 +6,10 @@ from pathlib import Path
 
 import pytest
 
+# each worker of the tests is one core; said before anything imports numpy
+for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
+    os.environ.setdefault(name, '1')
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
