@@ -7,12 +7,6 @@ Imu, MagneticField, Temperature and Vector3Stamped have one shape in common: a h
 is the same number of bytes with every number at the same place, so a block of them is
 one structured numpy array, and decoding or encoding it costs a fraction of a microsecond per
 message instead of tens.
-
-The encoding is plain CDR (OMG DDSI-RTPS 2.5 clause 10 and DDS-XTypes 1.3 clause 7.4): four
-bytes of encapsulation header, then int32 sec, uint32 nanosec, the string as uint32 length
-(with its terminating zero) and bytes, padding up to a multiple of 8 bytes after the
-encapsulation header, then the float64.  XCDR2, which aligns float64 to 4 bytes,
-and big-endian messages are understood too.
 """
 
 from __future__ import annotations
@@ -22,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from msg_conversions import covariance, stamps
+from msg_conversions.wire_layout import head_type, layout, TEXT
 import numpy as np
 import numpy.typing as npt
 
@@ -60,11 +55,6 @@ _IMU_COLUMNS = (
     slice(IMU_LINEAR_ACCELERATION_COVARIANCE.start, IMU_LINEAR_ACCELERATION_COVARIANCE.start + 1),
     slice(IMU_ANGULAR_VELOCITY_COVARIANCE.start, IMU_ANGULAR_VELOCITY_COVARIANCE.start + 1),
 )
-
-_ENCAPSULATION = 4
-_TEXT = _ENCAPSULATION + 12
-# (byte 1 of the encapsulation header): byte order, largest alignment
-_REPRESENTATIONS = {0: ('>', 8), 1: ('<', 8), 6: ('>', 4), 7: ('<', 4)}
 
 
 class Stamped(NamedTuple):
@@ -281,52 +271,6 @@ def decode_at(
     return Columns(stamp_parts, value_parts, tuple(sorted(frame_ids)))
 
 
-def row_type(order: str, text: int, start: int, count: int, size: int) -> np.dtype[Any]:
-    """Return the structured type of a message whose frame_id takes `text` bytes."""
-    return np.dtype(
-        {
-            'names': ['sec', 'nanosec', 'frame_id', 'values'],
-            'formats': [f'{order}i4', f'{order}u4', (np.uint8, (text,)), (f'{order}f8', (count,))],
-            'offsets': [_ENCAPSULATION, _ENCAPSULATION + 4, _TEXT, start],
-            'itemsize': size,
-        }
-    )
-
-
-def start_of_numbers(text: int, alignment: int) -> int:
-    """Return where the numbers start behind a frame_id of `text` bytes."""
-    end = _TEXT - _ENCAPSULATION + text
-    return _ENCAPSULATION + -(-end // alignment) * alignment
-
-
-def _head_type(order: str, text: int) -> np.dtype[Any]:
-    """Return the type of everything before the numbers, as far as it is used."""
-    return np.dtype(
-        [
-            ('encapsulation', '<u4'),
-            ('sec', f'{order}i4'),
-            ('nanosec', f'{order}u4'),
-            ('length', '<u4'),
-            ('frame_id', f'S{text}') if text else ('frame_id', np.void, 0),
-        ]
-    )
-
-
-def _layout(head: bytes, size: int, count: int) -> tuple[str, int, int]:
-    """Return byte order, length of the frame_id and start of the numbers; raise if none fit."""
-    if size < _TEXT or head[0] != 0 or head[1] not in _REPRESENTATIONS:
-        raise ValueError(f'{size} bytes that start with {head[:4].hex(" ")} are no CDR message')
-    order, alignment = _REPRESENTATIONS[head[1]]
-    text = int(np.frombuffer(head[_TEXT - 4 : _TEXT], dtype=f'{order}u4')[0])
-    start = start_of_numbers(text, alignment)
-    if start + 8 * count > size:
-        raise ValueError(
-            f'{size} bytes cannot hold a frame_id of {text} bytes and {count} numbers '
-            f'({start + 8 * count} bytes)'
-        )
-    return order, text, start
-
-
 def _end_to_end(blobs: Sequence[bytes]) -> tuple[bytes, npt.NDArray[np.int64]]:
     lengths = np.fromiter(map(len, blobs), dtype=np.int64, count=len(blobs))
     return b''.join(blobs), np.concatenate(([0], np.cumsum(lengths)))
@@ -336,14 +280,14 @@ def _decode_regular(
     data: Bytes, starts: Integers, size: int, count: int, columns: Sequence[slice]
 ) -> Columns | None:
     """Decode messages of one size; None if they are not all of one layout."""
-    if size < _TEXT:
+    if size < TEXT:
         return None
-    first = data[starts[0] : starts[0] + _TEXT].tobytes()
+    first = data[starts[0] : starts[0] + TEXT].tobytes()
     try:
-        order, text, start = _layout(first, size, count)
+        order, text, start = layout(first, size, count)
     except ValueError:
         return None
-    heads = _taken(data, starts, _TEXT + text).view(_head_type(order, text))
+    heads = _taken(data, starts, TEXT + text).view(head_type(order, text))
     for name in ('encapsulation', 'length'):
         if (heads[name] != heads[name][0]).any():
             return None
@@ -373,9 +317,9 @@ def _decode_singly(
     for index in members.tolist():
         one = _decode_regular(data, starts[index : index + 1], size, count, columns)
         if one is None:
-            head = data[starts[index] :][: min(size, _TEXT)].tobytes()
+            head = data[starts[index] :][: min(size, TEXT)].tobytes()
             try:
-                _layout(head, size, count)
+                layout(head, size, count)
             except ValueError as error:
                 raise ValueError(f'message {index}: {error}') from error
         else:

@@ -19,9 +19,8 @@ from msg_conversions.cdr import (
     IMU_LINEAR_ACCELERATION_COVARIANCE,
     IMU_ORIENTATION,
     IMU_ORIENTATION_COVARIANCE,
-    row_type,
-    start_of_numbers,
 )
+from msg_conversions.wire_layout import row_type, start_of_numbers
 import numpy as np
 import numpy.typing as npt
 
