@@ -6,7 +6,6 @@ The devices are the emulated ones; what is proven here is the way to them: a pro
 a serial line, loses it and finds it again.
 """
 
-from contextlib import suppress
 import json
 import os
 from pathlib import Path
@@ -54,6 +53,7 @@ class Cable:
         self.pulled.clear()
         master, slave = os.openpty()
         tty.setraw(slave)
+        os.set_blocking(master, False)
         self.path.symlink_to(os.ttyname(slave))
         self.thread = threading.Thread(target=self.serve, args=(master, slave))
         self.thread.start()
@@ -66,12 +66,15 @@ class Cable:
 
     def serve(self, master, slave):
         """Carry bytes both ways until pulled."""
+        waiting = b''
         while not self.pulled.is_set():
-            if select.select([master], [], [], 0.001)[0]:
+            asked, room, _ = select.select([master], [master] if waiting else [], [], 0.001)
+            if asked:
                 self.line.write(os.read(master, 4096))
-            if data := self.line.read(0.0):
-                with suppress(OSError):
-                    os.write(master, data)
+            waiting += self.line.read(0.0)
+            if room:
+                # a terminal takes what it has room for; a reader that is late loses nothing
+                waiting = waiting[os.write(master, waiting) :]
         for handle in (master, slave):
             os.close(handle)
 
