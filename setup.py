@@ -46,6 +46,7 @@ setup(
         'lz4>=4',
         'backports.zstd>=1; python_version < "3.14"',
         'bokeh>=3.4',
+        'Jinja2>=3.1',
         'rich>=13',
         'smbus2>=0.4; sys_platform == "linux"',
         'pyserial>=3.5; sys_platform == "linux"',

@@ -40,7 +40,7 @@ WINDOW_S = 600.0
 HALF = 0.5
 
 NODE = ['-m', 'imu_bench.nodes.analysis_node', '--ros-args', '-p', f'window_s:={WINDOW_S}']
-PLAIN = ['-m', 'benchmarks.plain_subscriber']
+PLAIN = ['-m', 'benchmarks._plain_subscriber']
 
 
 @dataclass
@@ -99,7 +99,7 @@ def measure(command: list[str], rates: tuple[float, ...], seconds: float) -> Row
     publishers = [
         subprocess.Popen(
             [
-                *(sys.executable, '-m', 'benchmarks.imu_publisher'),
+                *(sys.executable, '-m', 'benchmarks._imu_publisher'),
                 *(f'/bench/sensor{index}/imu/data_raw', str(rate), str(seconds)),
             ],
             stdin=subprocess.PIPE,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from imu_bench.bus.clock import SystemClock
 from imu_bench.bus.interface import Clock
 from imu_bench.bus.opening import kind_among, open_bus
 from imu_bench.config import BenchConfig, SensorConfig
+from imu_bench.config.beginning import Beginning
 from imu_bench.config.faults import Fault, script
 from imu_bench.config.schema import Checkable
 from imu_bench.drivers.driver import Driver
@@ -147,6 +149,13 @@ def label(sensor: SensorConfig) -> str:
     return ' '.join(filter(None, (sensor.backend, sensor.driver, *place)))
 
 
+def import_all(sensor: SensorConfig) -> None:
+    """Import what `build` will need for this sensor, for those who want it to be quick."""
+    if sensor.backend == 'emulated':
+        import_module('imu_bench.simulation.world')
+        import_module('imu_bench.emulators.faults')
+
+
 def build(
     sensor: SensorConfig,
     clock: Clock | None = None,
@@ -154,6 +163,7 @@ def build(
     capacity_samples: int | None = None,
     on_data: Callable[[], None] | None = None,
     switched_on_ns: int | None = None,
+    beginning: Beginning | None = None,
 ) -> Acquisition:
     """
     Return the acquisition of a sensor, not started yet.
@@ -167,6 +177,8 @@ def build(
         As in `imu_bench.acquisition.Acquisition`.
     switched_on_ns : int, optional
         From when on the scripted faults of an emulated sensor count; now by default.
+    beginning : Beginning, optional
+        When the scenario of an emulated sensor begins; as its file says by default.
 
     Raises
     ------
@@ -178,7 +190,7 @@ def build(
     clock = clock or SystemClock()
     make = _BACKENDS[sensor.backend]
     return Acquisition(
-        make(sensor, clock, switched_on_ns),
+        make(sensor, clock, switched_on_ns, beginning),
         clock,
         capacity_samples=capacity_samples,
         on_data=on_data,
@@ -256,7 +268,12 @@ def _typical_as_set(driver: Driver) -> dict[str, Typical]:
     return found
 
 
-def _hardware(sensor: SensorConfig, clock: Clock, switched_on_ns: int | None = None) -> Device:
+def _hardware(
+    sensor: SensorConfig,
+    clock: Clock,
+    switched_on_ns: int | None = None,
+    beginning: Beginning | None = None,
+) -> Device:
     if sensor.driver == GENERIC:
         raise ConfigError(
             f'{sensor.source}.backend: a generic source has no hardware; allowed: emulated'
@@ -266,16 +283,23 @@ def _hardware(sensor: SensorConfig, clock: Clock, switched_on_ns: int | None = N
     return driver(buses, clock, sensor.settings)
 
 
-def _emulated(sensor: SensorConfig, clock: Clock, switched_on_ns: int | None = None) -> Device:
+def _emulated(
+    sensor: SensorConfig,
+    clock: Clock,
+    switched_on_ns: int | None = None,
+    beginning: Beginning | None = None,
+) -> Device:
     # late: real sensors start without the libraries that simulation needs
     from imu_bench.simulation import generic
     from imu_bench.simulation.world import sensor_source
 
     faults = faults_of(sensor)
     if sensor.driver == GENERIC:
-        source = sensor_source(sensor, {}, sensor.settings['rate_hz'], clock.now_ns())
+        source = sensor_source(
+            sensor, {}, sensor.settings['rate_hz'], clock.now_ns(), beginning=beginning
+        )
         return generic.GenericSensor(source, clock, sensor.settings)
-    buses = emulated_buses(sensor, clock)
+    buses = emulated_buses(sensor, clock, beginning=beginning)
     driver = drivers.load(sensor.driver)
     if faults:
         from imu_bench.emulators.faults import wrap
@@ -306,7 +330,10 @@ def kind_of_bus(sensor: SensorConfig) -> str:
 
 
 def emulated_buses(
-    sensor: SensorConfig, clock: Clock, line: Line | None = None
+    sensor: SensorConfig,
+    clock: Clock,
+    line: Line | None = None,
+    beginning: Beginning | None = None,
 ) -> Mapping[str, Any]:
     """
     Return the emulated buses of a sensor that has a driver; the chip is switched on now.
@@ -317,20 +344,29 @@ def emulated_buses(
     clock : Clock
     line : Line, optional
         A wire to share; one of its own by default.
+    beginning : Beginning, optional
+        When its scenario begins; as its file says by default.
     """
     from imu_bench import emulators
     from imu_bench.simulation.world import sensor_source
 
     driver = drivers.load(sensor.driver)
     # the emulated chip restarts the source at the rate its registers ask for
-    source = sensor_source(sensor, driver.typical, 1.0, clock.now_ns(), on_wire=True)
+    source = sensor_source(
+        sensor, driver.typical, 1.0, clock.now_ns(), on_wire=True, beginning=beginning
+    )
     # a device on a serial line of its own speed was brought to it when it was first used
     options = {'baud': sensor.settings['baud']} if 'baud' in sensor.settings else {}
     kind = kind_of_bus(sensor)
     return emulators.create(sensor.driver, kind, source, clock, line=line, **options)
 
 
-def _recorded(sensor: SensorConfig, clock: Clock, switched_on_ns: int | None = None) -> Device:
+def _recorded(
+    sensor: SensorConfig,
+    clock: Clock,
+    switched_on_ns: int | None = None,
+    beginning: Beginning | None = None,
+) -> Device:
     raise ConfigError(
         f'{sensor.source}.backend: recorded sensors cannot be played back; '
         'allowed: hardware, emulated'

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What colcon, rosdep and pip read about the package agrees."""
 
+import os
 from pathlib import Path
 import re
+import shutil
+import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 
 import imu_bench
@@ -30,6 +34,23 @@ def test_executables_land_where_ros2_run_looks():
     text = (ROOT / 'setup.cfg').read_text(encoding='utf-8')
     assert text.count('$base/lib/imu_bench') == 2
     assert (ROOT / 'resource' / 'imu_bench').read_bytes() == b''
+
+
+def test_run_works_where_it_is_called_from(tmp_path):
+    house, caller = tmp_path / 'house', tmp_path / 'caller'
+    (house / '.venv' / 'bin').mkdir(parents=True)
+    caller.mkdir()
+    for name in ('run', 'setup.py'):
+        shutil.copy(ROOT / name, house)
+    (house / '.venv' / 'bin' / 'python').symlink_to(sys.executable)
+    with (house / 'setup.py').open('rb') as file:
+        state = subprocess.run(['cksum'], stdin=file, capture_output=True, check=True, text=True)
+    (house / '.venv' / f'installed-run-{state.stdout.split()[0]}').touch()
+    done = subprocess.run(
+        [house / 'run', 'exec', 'pwd'], cwd=caller, capture_output=True, text=True, timeout=60,
+        env=os.environ | {'PYTHON': sys.executable}, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, str(caller), '')
 
 
 def test_every_source_file_names_its_licence():

@@ -88,6 +88,10 @@ class ClockModel:
     ----------
     nominal_hz : float
         Output data rate as configured; the true one may be off by several percent.
+    missing : int, optional
+        What was missing before.
+    after_ns : int, optional
+        Stamps begin after this time.
 
     Attributes
     ----------
@@ -108,9 +112,10 @@ class ClockModel:
     (False, 1010)
     """
 
-    def __init__(self, nominal_hz: float) -> None:
+    def __init__(self, nominal_hz: float, missing: int = 0, after_ns: int | None = None) -> None:
         self.nominal_hz = nominal_hz
-        self.missing = 0
+        self.missing = missing
+        self._after_ns = after_ns
         self.settling = True
         self._origin_ns: int | None = None
         self._count = 0
@@ -135,6 +140,8 @@ class ClockModel:
             return
         if self._origin_ns is None:
             self._origin_ns = host_ns
+            if self._after_ns is not None:
+                self._last = float(self._after_ns - host_ns)
         self._count += n
         reading = (float(self._count), float(host_ns - self._origin_ns))
         if not self.settling:

@@ -8,6 +8,7 @@ longer than that for its turn, and what runs over is lost.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import contextlib
 import os
 import threading
@@ -43,6 +44,25 @@ def raise_priority(*, heirs: bool = False) -> str:
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
         return f'nice {NICE}'
     return 'ordinary: this user may not raise it'
+
+
+@contextlib.contextmanager
+def ordinary_priority() -> Iterator[None]:
+    """
+    Let the calling thread wait for its turn like any other, and give it back what it had.
+
+    What takes long and is not urgent, as an import, must not keep the cores from threads of
+    other processes that read: at the same real-time priority nobody is interrupted.
+    """
+    had = os.sched_getscheduler(0), os.sched_getparam(0)
+    if had[0] in (os.SCHED_OTHER, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK):
+        yield
+        return
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *had)
 
 
 def permitted() -> str:

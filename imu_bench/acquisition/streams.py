@@ -36,6 +36,9 @@ class CountedStream:
         # runs that wait, each with how many samples are missing before it
         self._held: list[tuple[int, Samples]] = []
         self._skipped = 0
+        self._last_ns: int | None = None
+        self._anew = False
+        self._pace: Pace | None = None
 
     def skip(self, n: int) -> None:
         """Take note of samples that the chip counted and that never arrived."""
@@ -46,9 +49,33 @@ class CountedStream:
         """Take a run that was just read; return the runs whose stamps are settled."""
         if len(run):
             self._held.append((self._skipped, run))
-            self._skipped = 0
+            self._skipped, self._pace = 0, None
             self.model.observe(len(run), int(run.stamps[-1]))
         return [] if self.model.settling else self._release()
+
+    def push_undated(self, run: Samples) -> list[Samples]:
+        """
+        Take a run of which nobody knows which samples they are; return it, and what was held back.
+
+        Its stamps stand, time tells how many are missing, and the model begins anew after it.
+        """
+        if not len(run):
+            return []
+        held, nominal_hz = self.flush(), self.model.nominal_hz
+        stamps = run.stamps
+        if self._last_ns is not None and stamps[0] <= self._last_ns:
+            stamps = np.maximum(stamps, self._last_ns + 1 + np.arange(len(run)))
+        if self._pace is None:
+            self._pace = Pace(nominal_hz)
+            if self._last_ns is not None:
+                self._pace.observe(np.array([self._last_ns]))
+        before = self._pace.missing
+        self._pace.observe(stamps)
+        self._last_ns = int(stamps[-1])
+        missing = self.model.missing + self._pace.missing - before
+        self.model, self._anew = ClockModel(nominal_hz, missing, self._last_ns), True
+        self.meter.add(stamps)
+        return [*held, run.restamped(stamps)]
 
     def interrupt(self) -> list[Samples]:
         """Take note of a loss; return what was held back before it."""
@@ -64,8 +91,14 @@ class CountedStream:
     def _release(self) -> list[Samples]:
         held, self._held = self._held, []
         stamped = [run.restamped(self.model.stamps(len(run), gap)) for gap, run in held]
+        if self._anew and self._last_ns is not None:
+            # of the pause before it the model knows nothing
+            pause = (int(stamped[0].stamps[0]) - self._last_ns) / self.model.period_ns
+            self.model.missing += max(0, round(pause) - 1)
+            self._anew = False
         for run in stamped:
             self.meter.add(run.stamps)
+            self._last_ns = int(run.stamps[-1])
         return stamped
 
 

@@ -20,6 +20,7 @@ from imu_bench.acquisition.streams import (
 )
 from imu_bench.bus.interface import Clock
 from imu_bench.errors import BenchError, NotReady
+from imu_bench.metrology.estimate import Estimate
 from imu_bench.samples import Samples
 
 CAPACITY_S = 10.0
@@ -35,6 +36,10 @@ LONGEST_BACKOFF_S = 0.4
 SILENCE_S = 0.5
 """A sensor that answers and delivers nothing for this long has lost its configuration."""
 
+UNDATED = Estimate.not_observable(
+    'Hz', 'it is read too seldom to tell its pace; see the delivered rate'
+)
+
 GOLDEN = 0.6180339887498949
 """Fractional part of the golden ratio: its multiples fill an interval evenly (Weyl)."""
 
@@ -44,6 +49,7 @@ class Device(Protocol):
 
     counters: Counter[str]
     continuity: int
+    dated: bool
     skipped: dict[int, int]
 
     @property
@@ -199,7 +205,7 @@ class Acquisition:
         """A picture of now; may be taken from any thread."""
         with self._lock:
             model, meter = self._main.model, self._main.meter
-            rate = model.rate()
+            rate = model.rate() if self._driver.dated else UNDATED
             return AcquisitionStats(
                 state=self._state,
                 error='' if self.error is None else str(self.error),
@@ -312,7 +318,11 @@ class Acquisition:
             for place, run in enumerate(runs):
                 if place in self._driver.skipped:
                     self._main.skip(self._driver.skipped[place])
-                self._enqueue(self._stream(run).push(run))
+                stream = self._stream(run)
+                if isinstance(stream, CountedStream) and not self._driver.dated:
+                    self._enqueue(stream.push_undated(run))
+                else:
+                    self._enqueue(stream.push(run))
             waiting = self._queued > 0
         if waiting and self.on_data is not None:
             self.on_data()

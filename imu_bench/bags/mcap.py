@@ -17,20 +17,21 @@ import zlib
 from imu_bench.bags import mcap_records as rec
 from imu_bench.bags.ahead import ahead
 from imu_bench.bags.block import Block, Channel
-from imu_bench.bags.buffers import Buffer, gather, Ints
+from imu_bench.bags.buffers import Buffer, Ints
 from imu_bench.bags.compression import MAX_EXPANDED
 from imu_bench.bags.mcap_chunks import (
+    Found,
     grouped,
     load,
     load_chunk,
     Loaded,
     Messages,
     messages_of,
+    ordered,
     walked,
 )
 from imu_bench.bags.problems import Problems
 from imu_bench.errors import RecordingError
-import numpy as np
 
 _WINDOW = 1 << 23
 _LOOSE = frozenset((rec.HEADER, rec.SCHEMA, rec.CHANNEL, rec.MESSAGE))
@@ -103,10 +104,9 @@ class McapFile:
                 groups.setdefault(channel, []).append(number)
         for buffer, messages in self._runs():
             for channel, numbers in groups.items():
-                offsets = [messages[number] for number in numbers if number in messages]
-                if offsets:
-                    joined = offsets[0] if len(offsets) == 1 else np.sort(np.hstack(offsets))
-                    yield _block(channel, buffer, joined)
+                found = [messages[number] for number in numbers if number in messages]
+                if found:
+                    yield _block(channel, buffer, found[0] if len(found) == 1 else ordered(found))
 
     @property
     def problems(self) -> list[str]:
@@ -226,16 +226,17 @@ class McapFile:
                     catalogue.add_all(found.buffer, rec.walk(found.buffer))
                 except struct.error as problem:
                     self._problems.add(f'a damaged channel or schema was skipped: {problem}')
-            counts.update({number: mine.size for number, mine in found.offsets.items()})
+            sizes = {number: mine.offsets.size for number, mine in found.by_channel.items()}
+            counts.update(sizes)
         return catalogue, counts
 
 
-def _block(channel: Channel, buffer: Buffer, offsets: Ints) -> Block:
-    """Return the messages whose contents begin at some offsets (section "Message")."""
+def _block(channel: Channel, buffer: Buffer, found: Found) -> Block:
+    """Return messages of one channel without the heads of their records."""
     return Block(
         channel=channel,
-        receive_ns=gather(buffer, '<i8', offsets + 6),
+        receive_ns=found.times,
         buffer=buffer,
-        offsets=offsets + rec.MESSAGE_HEADER,
-        sizes=gather(buffer, '<i8', offsets - 8) - rec.MESSAGE_HEADER,
+        offsets=found.offsets + rec.MESSAGE_HEADER,
+        sizes=found.sizes - rec.MESSAGE_HEADER,
     )

@@ -16,19 +16,36 @@ from typing import BinaryIO, NamedTuple
 import zlib
 
 from imu_bench.bags import mcap_records as rec
-from imu_bench.bags.buffers import Buffer, gather, Ints
+from imu_bench.bags.buffers import Buffer, Ints, table
 from imu_bench.bags.compression import expand, expand_part, MAX_EXPANDED
 from imu_bench.errors import RecordingError
 import numpy as np
 
 _GROUP_CHUNKS, _GROUP_BYTES = 8, 1 << 22
 
+_HEAD = np.dtype(
+    [('opcode', 'u1'), ('size', '<i8'), ('channel', '<u2'), ('sequence', '<u4'), ('time', '<i8')]
+)
+"""What a message record begins with (sections "Records" and "Message")."""
+
+
+class Found(NamedTuple):
+    """
+    Messages of one channel, in the order stored.
+
+    Where the contents of their records begin, how many bytes these have, and their log times.
+    """
+
+    offsets: Ints
+    sizes: Ints
+    times: Ints
+
 
 class Messages(NamedTuple):
-    """A buffer, and the offsets of the contents of the messages in it by channel id."""
+    """A buffer, and the messages in it by channel id."""
 
     buffer: Buffer
-    offsets: dict[int, Ints]
+    by_channel: dict[int, Found]
 
 
 class Chunk(NamedTuple):
@@ -130,12 +147,15 @@ def messages_of(chunk: Chunk, problems: list[str]) -> Messages:
 def walked(buffer: Buffer, records: rec.Records | None = None) -> Messages:
     """Return the messages among the records of a buffer."""
     records = rec.walk(buffer) if records is None else records
-    found = (records.opcodes == rec.MESSAGE) & (records.sizes >= rec.MESSAGE_HEADER)
-    offsets = records.offsets[found]
-    numbers = gather(buffer, '<u2', offsets)
-    return Messages(
-        buffer, {int(number): offsets[numbers == number] for number in np.unique(numbers)}
-    )
+    whole = (records.opcodes == rec.MESSAGE) & (records.sizes >= rec.MESSAGE_HEADER)
+    offsets, sizes = records.offsets[whole], records.sizes[whole]
+    heads = table(buffer, _HEAD, offsets - rec.RECORD.size)
+    numbers, times = heads['channel'], heads['time'].astype(np.int64)
+    found = {}
+    for number in np.unique(numbers):
+        mine = numbers == number
+        found[int(number)] = Found(offsets[mine], sizes[mine], times[mine])
+    return Messages(buffer, found)
 
 
 def _join(chunks: Sequence[Chunk]) -> Messages | None:
@@ -168,16 +188,17 @@ def _message_indexes(data: memoryview, start: int) -> dict[int, Ints]:
     return index
 
 
-def _indexed(buffer: Buffer, index: dict[int, Ints]) -> dict[int, Ints] | None:
+def _indexed(buffer: Buffer, index: dict[int, Ints]) -> dict[int, Found] | None:
     """Return message indexes in the order of the records if they name all of them, else None."""
     offsets = np.concatenate(list(index.values()))
     if offsets.min() < rec.RECORD.size or offsets.max() + rec.MESSAGE_HEADER > len(buffer):
         return None
-    numbers = np.repeat(list(index), [mine.size for mine in index.values()])
-    sizes = gather(buffer, '<i8', offsets - 8)
+    counts = [mine.size for mine in index.values()]
+    heads = table(buffer, _HEAD, offsets - rec.RECORD.size)
+    sizes = heads['size'].astype(np.int64)
     fits = (
-        (gather(buffer, 'u1', offsets - rec.RECORD.size) == rec.MESSAGE)
-        & (gather(buffer, '<u2', offsets) == numbers)
+        (heads['opcode'] == rec.MESSAGE)
+        & (heads['channel'] == np.repeat(list(index), counts))
         & (sizes >= rec.MESSAGE_HEADER)
         & (sizes <= len(buffer) - offsets)
     )
@@ -194,7 +215,19 @@ def _indexed(buffer: Buffer, index: dict[int, Ints]) -> dict[int, Ints] | None:
         records = rec.walk(between)
         if records.end < starts[gap] - ends[gap] or (records.opcodes == rec.MESSAGE).any():
             return None
-    return {
-        number: mine if (mine[1:] > mine[:-1]).all() else np.sort(mine)
-        for number, mine in index.items()
-    }
+    times = heads['time'].astype(np.int64)
+    edges = np.cumsum(counts)[:-1]
+    parts = (np.split(array, edges) for array in (offsets, sizes, times))
+    return {number: ordered([Found(*mine)]) for number, *mine in zip(index, *parts, strict=True)}
+
+
+def ordered(found: Sequence[Found]) -> Found:
+    """Return messages of several channels, or listed in any order, in the order stored."""
+    offsets, sizes, times = (
+        parts[0] if len(parts) == 1 else np.concatenate(parts)
+        for parts in zip(*found, strict=True)
+    )
+    if (offsets[1:] > offsets[:-1]).all():
+        return Found(offsets, sizes, times)
+    order = np.argsort(offsets, kind='stable')
+    return Found(offsets[order], sizes[order], times[order])

@@ -9,6 +9,11 @@ next update from one side (it is kept as an interval, with which the pace is mea
 look well behind that moment that finds nothing new has found an update that left all words as
 they were.  After a pause in which samples came and went their number is counted if time tells
 it for certain, and said to be uncertain if not.
+
+A host that looks more seldom than the chip writes, as on a bus that is too full, sees something
+new each time and learns nothing of the moment of an update.  Then each sample that is seen is
+taken and called undated: it is older than its look by anything up to a period, and half of one
+is taken for it.  How many passed in between only the time can tell.
 """
 
 from __future__ import annotations
@@ -34,7 +39,13 @@ EARLY_ALIKE = 0.3
 """The same for a chip some of whose samples have the words of the one before."""
 
 PATIENCE = 3
-"""So many in a row are believed to be updates."""
+"""So many in a row are believed to be updates; so many looks in time find the pace again."""
+
+SELDOM = 5
+"""So many looks in a row that came too late, each by less than `AWAY`: the bus is too full."""
+
+AWAY = 8
+"""Periods; after a longer pause something else was wrong."""
 
 TOLERANCE = 0.01
 """Of the nominal period, until it is known better."""
@@ -62,6 +73,8 @@ class Look(NamedTuple):
         Samples before them that came and went between two looks.
     lost_track : bool
         Some came and went before them, and how many is not certain.
+    undated : bool
+        The stamps are uncertain by half a period, and `skipped` is not known.
     """
 
     rows: npt.NDArray[Any]
@@ -69,6 +82,7 @@ class Look(NamedTuple):
     repeated: int = 0
     skipped: int = 0
     lost_track: bool = False
+    undated: bool = False
 
 
 class Updates:
@@ -102,6 +116,9 @@ class Updates:
         self._early = self._waited = 0
         self._early_by = EARLY
         self._looked = 0, 0
+        self._seen: int | None = None
+        self._seldom = self._often = 0
+        self._undated = False
         self._begun = self._doubtful = False
         self._repeated = 0
         self._shortest: float = self._nominal
@@ -109,7 +126,8 @@ class Updates:
 
     def lose_track(self) -> None:
         """Find the pace anew, as after readings that were broken; what was taken stays taken."""
-        self._begun, self._doubtful = False, True
+        self._begun, self._doubtful, self._undated = False, True, False
+        self._seldom = 0
 
     def _track(self, since_ns: int, seen_ns: int) -> None:
         """Begin to follow the updates with one that was not there yet, and is seen now."""
@@ -135,17 +153,24 @@ class Updates:
         words : bytes, optional
             What differs from one sample to the next; the whole row by default.
         """
-        if after_ns - before_ns > CERTAIN * self._period:
-            # held up on the way: nobody knows which sample this is
-            return self._found(row[:0], after_ns)
         words = row.tobytes() if words is None else words
         # the chip latches at the same place of every reading, which the longer ones reach later
         self._shortest = min(self._shortest, after_ns - before_ns)
         seen_ns = after_ns - int(self._shortest)
+        held_up = after_ns - before_ns > CERTAIN * self._period
+        self._note_pace(seen_ns, held_up)
+        middle_ns = (before_ns + after_ns) // 2
+        if self._undated or (held_up and self._seldom >= SELDOM):
+            self._looked = before_ns, seen_ns
+            # whatever held it up did so before the transfer
+            read_ns = after_ns - int(self._shortest) // 2 if held_up else middle_ns
+            return self._take_undated(row, words, read_ns)
+        if held_up:
+            # nobody knows which sample this is; the next look will tell
+            return self._found(row[:0], after_ns)
         if self._is_broken(words, seen_ns):
             self._looked = before_ns, seen_ns
             return self._found(row[:0], after_ns)
-        middle_ns = (before_ns + after_ns) // 2
         looked, self._looked = self._looked, (before_ns, seen_ns)
         paused = self._row is not None and seen_ns - looked[0] > CERTAIN * self._period
         if self._row is not None and words == self._words:
@@ -154,13 +179,28 @@ class Updates:
         if self._row is None:
             self._row, self._words = row, words
             return self._found(row, middle_ns)
+        return self._changed(row, words, (before_ns, seen_ns, middle_ns), looked, paused)
+
+    def _changed(
+        self,
+        row: npt.NDArray[Any],
+        words: bytes,
+        times: tuple[int, int, int],
+        looked: tuple[int, int],
+        paused: bool,
+    ) -> Look:
+        """Take words that are new, after counting those that came and went since the last look."""
+        before_ns, seen_ns, middle_ns = times
         gone = self._gone(before_ns, seen_ns, paused)
+        if self._seldom >= SELDOM and (gone is None or self._doubtful or not self._begun):
+            return self._take_undated(row, words, middle_ns)
         if gone is None and self._begun and not self._doubtful and self._waited < PATIENCE:
             # looked at in the very moment of an update: the next look will tell
             self._waited += 1
             self._looked = looked
             return self._found(row[:0], middle_ns)
-        last, self._row, self._words, self._waited = self._row, row, words, 0
+        last = row if self._row is None else self._row
+        self._row, self._words, self._waited = row, words, 0
         if gone is None or self._doubtful or not self._begun:
             lost_track = self._doubtful or paused
             self._track(looked[0], seen_ns)
@@ -170,6 +210,26 @@ class Updates:
         # it cannot be written later than it is seen
         self._next(min(self._due, seen_ns), gone + 1)
         return self._with_repeated(last, row, middle_ns, gone)
+
+    def _note_pace(self, seen_ns: int, held_up: bool) -> None:
+        """Count the looks in a row that came too late to miss nothing, or in time."""
+        apart = 0 if self._seen is None else seen_ns - self._seen
+        self._seen = seen_ns
+        if held_up or apart > CERTAIN * self._period:
+            self._seldom, self._often = self._seldom + 1, 0
+            if apart > AWAY * self._period:
+                self._seldom = 0
+            return
+        self._seldom, self._often = 0, self._often + 1
+        if self._undated and self._often >= PATIENCE:
+            self.lose_track()
+
+    def _take_undated(self, row: npt.NDArray[Any], words: bytes, read_ns: int) -> Look:
+        """Take what is new, though nobody knows which sample it is."""
+        self._undated, self._waited, self._repeated = True, 0, 0
+        new = row[:0] if words == self._words else row
+        self._row, self._words = row, words
+        return self._found(new, read_ns - round(self._period / 2))._replace(undated=True)
 
     def _with_repeated(
         self, last: npt.NDArray[Any], row: npt.NDArray[Any], middle_ns: int, gone: int

@@ -6,13 +6,14 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from imu_bench.cli.main import complain, DONE, FAULT
-from imu_bench.cli.outputs import check_folder, check_output
-from imu_bench.errors import BenchError
+from imu_bench.cli.outputs import check_folder, check_outputs
+from imu_bench.errors import BenchError, ConfigError
 
 if TYPE_CHECKING:
+    from imu_bench.offline.datasheets import Document
     from imu_bench.offline.failure import Failure
     from imu_bench.offline.results import Analysis, RecordingResult
     from imu_bench.offline.settings import Settings
@@ -29,6 +30,23 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = verbs.add_parser(
         'analyze', help='health and noise metrics of recordings', description=_DESCRIPTION
     )
+    _add_reading(parser)
+    _add_measuring(parser)
+    _add_writing(parser)
+    parser.add_argument(
+        '--jobs', type=int, metavar='N', help='processes; as many as there are cores by default'
+    )
+    parser.add_argument(
+        '--scheduler', metavar='ADDRESS', help='work on this Dask cluster, as in tcp://host:8786'
+    )
+    parser.add_argument(
+        '--cache', metavar='DIR', help='keep the columns of recordings there; none for nothing'
+    )
+    parser.set_defaults(run=run)
+
+
+def _add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add what says how to read a recording."""
     parser.add_argument(
         'inputs', nargs='+', metavar='INPUT', help='bag, text file, arrays, or a folder of them'
     )
@@ -37,9 +55,6 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument(
         '--rate', type=float, metavar='HZ', help='sample rate of a text file without a time column'
-    )
-    parser.add_argument(
-        '--tau', type=_numbers, default=(), metavar='S[,S…]', help='averaging times in s'
     )
     parser.add_argument(
         '--columns', metavar='NAMES', help='columns of a text file: names in order, - to ignore'
@@ -55,18 +70,39 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar=('ACCEL', 'GYRO'),
         help='topics or files of an accelerometer and a gyroscope that are one sensor',
     )
+
+
+def _add_measuring(parser: argparse.ArgumentParser) -> None:
+    """Add what says which part is measured, and how."""
+    parser.add_argument(
+        '--tau', type=_numbers, default=(), metavar='S[,S…]', help='averaging times in s'
+    )
     parser.add_argument('--start', type=float, metavar='S', help='begin, s after the first sample')
     parser.add_argument('--end', type=float, metavar='S', help='end, s after the first sample')
     parser.add_argument(
         '--window', type=_window, metavar='NS:NS', help='first and last stamp in ns, both included'
     )
+    parser.add_argument(
+        '--min-share',
+        type=float,
+        default=1.0,
+        metavar='SHARE',
+        help='averages count if this share of their samples is there, as in 0.95; 1 by default',
+    )
     parser.add_argument('--reference', default='', metavar='NAME', help='sensor for the ratios')
+    parser.add_argument(
+        '--datasheet', type=Path, metavar='FILE', help='YAML with typical values of the sensors'
+    )
     parser.add_argument(
         '--plan', metavar='PLAN', help='what the test plan of a document asks: see docs/plan_*.md'
     )
     parser.add_argument(
         '--set', action='append', default=[], metavar='NAME=VALUE', help='setting of the plan'
     )
+
+
+def _add_writing(parser: argparse.ArgumentParser) -> None:
+    """Add what says what is shown and written."""
     parser.add_argument('--si', action='store_true', help='table in SI instead of datasheet units')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the results')
     parser.add_argument('--html', type=Path, metavar='FILE', help='write the report')
@@ -76,16 +112,6 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         '--strict', action='store_true', help='exit code 1 if a severe finding was made'
     )
-    parser.add_argument(
-        '--jobs', type=int, metavar='N', help='processes; as many as there are cores by default'
-    )
-    parser.add_argument(
-        '--scheduler', metavar='ADDRESS', help='work on this Dask cluster, as in tcp://host:8786'
-    )
-    parser.add_argument(
-        '--cache', metavar='DIR', help='keep the columns of recordings there; none for nothing'
-    )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -99,6 +125,8 @@ def run(arguments: argparse.Namespace) -> int:
     from imu_bench.offline.recordings import grouped, ReadOptions
     from imu_bench.offline.settings import Settings
 
+    if arguments.set and arguments.plan is None:
+        raise ConfigError(f'--set {arguments.set[0]}: a setting of a plan; name it with --plan')
     options = ReadOptions(
         topics=tuple(arguments.topic),
         rate_hz=arguments.rate,
@@ -111,7 +139,9 @@ def run(arguments: argparse.Namespace) -> int:
         end_s=arguments.end,
         window_ns=arguments.window,
         reference=arguments.reference,
+        min_share=arguments.min_share,
     )
+    sheets = _sheets(arguments.datasheet)
     _check_outputs(arguments)
     failures: list[Failure] = []
     found = [path for given in arguments.inputs for path in _recordings(given, failures)]
@@ -122,12 +152,11 @@ def run(arguments: argparse.Namespace) -> int:
         return planning.run(arguments, paths, options, settings, failures)
     with running.workers(arguments, paths) as workers:
         results = running.analyse(arguments, paths, options, settings, workers, failures)
-    return _present(joined(results, arguments.pair), failures, settings, arguments)
+    return _present(joined(results, arguments.pair), failures, settings, arguments, sheets)
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
-    for output in (arguments.json, arguments.html):
-        check_output(output)
+    check_outputs([arguments.json, arguments.html], arguments.inputs)
     if arguments.figures is not None:
         from imu_bench.offline.figure_files import require
 
@@ -140,6 +169,7 @@ def _present(
     failures: Sequence[Failure],
     settings: Settings,
     arguments: argparse.Namespace,
+    sheets: Document,
 ) -> int:
     """Show and write the results; return the exit code."""
     from imu_bench.cli import table
@@ -148,19 +178,32 @@ def _present(
 
     if not found:
         return FAULT
-    compared = compare(found, settings.reference)
-    asked = {
+    compared = compare(found, settings.reference, sheets)
+    asked: dict[str, Any] = {
         name: getattr(arguments, name) for name in ('topic', 'rate', 'columns', 'units', 'pair')
     }
-    analysis = Analysis(
-        tuple(found), tuple(failures), settings.to_json() | asked, compared.to_json()
-    )
+    stated = settings.to_json() | asked | {'datasheets': sheets}
+    analysis = Analysis(tuple(found), tuple(failures), stated, compared.to_json())
     table.show(analysis, compared, si=arguments.si)
     _write(analysis, arguments)
     severe = any(recording.health.severity == 'severe' for recording in found)
     if arguments.strict and severe:
         complain('a recording has severe findings (--strict)')
-    return FAULT if failures or (arguments.strict and severe) else DONE
+    named = [('--reference', settings.reference)] if settings.reference else []
+    named += [('--datasheet', name) for name in sheets]
+    unknown = [(option, name) for option, name in named if name not in compared.labels]
+    for option, name in unknown:
+        complain(f'{option} {name}: not among the sensors: {", ".join(compared.labels)}')
+    return FAULT if failures or unknown or (arguments.strict and severe) else DONE
+
+
+def _sheets(path: Path | None) -> Document:
+    """Return the typical values in a file, if one is given."""
+    if path is None:
+        return {}
+    from imu_bench.offline import datasheets
+
+    return datasheets.read(path)
 
 
 def _recordings(path: str, failures: list[Failure]) -> Sequence[Path]:

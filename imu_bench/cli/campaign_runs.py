@@ -10,6 +10,7 @@ import shutil
 from imu_bench import bench
 from imu_bench.cli.main import complain
 from imu_bench.cli.progress import Bar
+from imu_bench.cli.running import within_memory
 from imu_bench.config import BenchConfig
 from imu_bench.config.campaign import BenchTest, Run
 from imu_bench.errors import ConfigError, RecordingError
@@ -51,7 +52,8 @@ def conduct(config: BenchConfig, test: BenchTest, arguments: argparse.Namespace)
     _simulate(config, test, missing, folder)
     paths = [path for run in wanted for path in find_recordings(folder / run.name)]
     order = Order(ReadOptions(), Settings(reference=test.reference))
-    with Processes(arguments.jobs or usable_cores()) as team, Bar() as bar:
+    jobs = within_memory(arguments.jobs or usable_cores())
+    with Processes(jobs) as team, Bar() as bar:
         job = plan_runs.Job(paths, order, team, bar.phase, lambda found: complain(found.error))
         result = plan_runs.run(plan, job)
     report = folder / 'report.html'

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imu_bench.cli.main import DONE
-from imu_bench.cli.outputs import check_output
+from imu_bench.cli.outputs import check_outputs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,15 +49,15 @@ def run(arguments: argparse.Namespace) -> int:
     from imu_bench.offline import results
     from imu_bench.offline.across import compare_runs, named
     from imu_bench.offline.report import runs_page
+    from imu_bench.offline.whole_files import write_text
 
-    for output in (arguments.json, arguments.html):
-        check_output(output)
+    check_outputs([arguments.json, arguments.html], arguments.results)
     analyses = [results.read(path) for path in arguments.results]
     across = compare_runs(named(arguments.results, analyses))
     # files first: the reader of a pipe may leave before the end of the tables
     if arguments.json is not None:
         document = json.dumps(across.to_json(), ensure_ascii=False, allow_nan=False, indent=1)
-        arguments.json.write_text(document + '\n', encoding='utf-8')
+        write_text(arguments.json, document + '\n')
     if arguments.html is not None:
         runs_page.write(across, arguments.html)
     _show(across, console())
@@ -69,7 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _show(across: Across, out: Console) -> None:
     """Print what the comparison says, then one table per sensor and run."""
-    from imu_bench.cli.table import clean, fits
+    from imu_bench.cli.table import fits
+    from imu_bench.cli.words import clean
     from imu_bench.offline import across_text
     from rich.text import Text
 
@@ -86,7 +87,7 @@ def _show(across: Across, out: Console) -> None:
 def _table(
     reference: str, sensor: str, run_name: str, rows: Sequence[Row], columns: Sequence[str]
 ) -> Table:
-    from imu_bench.cli.table import clean
+    from imu_bench.cli.words import clean
     from rich import box
     from rich.table import Table
     from rich.text import Text

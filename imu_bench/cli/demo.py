@@ -4,15 +4,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from datetime import datetime
 import os
 from pathlib import Path
 import sys
-from typing import TYPE_CHECKING
+import time
+from typing import Any, TYPE_CHECKING
 
 from imu_bench.errors import ConfigError, NotReady
 
 if TYPE_CHECKING:
+    from imu_bench.cli.live_test import LiveTest
     from imu_bench.config import BenchConfig
     from imu_bench.nodes.bench_monitor import BenchMonitor
     from imu_bench.nodes.processes import BenchProcesses
@@ -21,6 +24,9 @@ BENCH, FAULTY_BENCH = 'machine_vibration', 'faults'
 DURATION_S = 60.0
 AFTER_FAULTS_S = 6.0
 """So long the demo goes on behind its last fault."""
+
+LEAD_S = 1.5
+"""So long before a scenario begins every sensor is told when; they compute some time ahead."""
 
 UP_WITHIN_S = 60.0
 """How long the nodes may take to come up; a busy two-core machine needs some 20 s."""
@@ -37,7 +43,16 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         '--duration', type=_seconds, metavar='S', help=f'seconds (default {DURATION_S:g})'
     )
-    parser.add_argument(
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        '--test', metavar='NAME',
+        help='run a test of the bench, made short, and analyse it with its plan; the default is '
+        'what the bench lists under demo:',
+    )  # fmt: skip
+    what.add_argument(
+        '--scenario', metavar='S', help='move the bench as a scenario of config/scenarios says'
+    )
+    what.add_argument(
         '--faults', action='store_true',
         help='let the wires fail as the bench has it scripted (default bench: '
         f'{FAULTY_BENCH}); 1 if a sensor does not recover by itself',
@@ -66,23 +81,38 @@ def run(args: argparse.Namespace) -> int:
     name = chosen if chosen.endswith('.yaml') else f'benches/{chosen}.yaml'
     bench = load_bench(config_file(name))
     duration_s = args.duration or (_faults_over_s(bench) if args.faults else DURATION_S)
+    live = _live_test(bench, args, duration_s)
+    if live is not None:
+        duration_s = live.duration_s
     folder = _new_folder(args.output)
     environment = _environment(folder)
     print(f'{bench.title or bench.name}: {len(bench.sensors)} emulated sensors, {duration_s:g} s')
+    if live is not None:
+        print(f'{f"test {live.test.name}" if live.test else "no test"}: {live.remark}')
     print(
         f'on ROS_DOMAIN_ID={environment["ROS_DOMAIN_ID"]}, this machine only; '
         f'recording into {folder}/bag'
     )
-    monitor = _live(bench, folder, environment, duration_s, args.faults)
+    monitor = _live(bench, folder, environment, duration_s, live, args.faults)
     failed = _verdicts(monitor)
     if args.faults:
         from imu_bench.cli.fault_lines import show_faults, show_gaps
 
         failed = max(show_faults(monitor.sensors), failed)
-    code = _analyse(folder)
+    code = _analyse(folder, live.analysis() if live else [])
     if args.faults and code == 0:
         show_gaps(folder / 'results.json', monitor.sensors)
     return max(code, failed)
+
+
+def _live_test(bench: BenchConfig, args: argparse.Namespace, most_s: float) -> LiveTest | None:
+    """Return what moves the bench; None if it stands still as its sensors' files say."""
+    from imu_bench.cli.live_test import of_scenario, of_test
+
+    if args.scenario:
+        return of_scenario(args.scenario, (), most_s)
+    name = args.test or ('' if args.faults else bench.demo)
+    return of_test(bench, name, most_s) if name else None
 
 
 def _faults_over_s(bench: BenchConfig) -> float:
@@ -100,7 +130,10 @@ def _faults_over_s(bench: BenchConfig) -> float:
 
 def _seconds(text: str) -> float:
     """Return a duration that is worth a demo."""
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r} is no number of seconds') from None
     if not 1.0 <= value <= 7 * 86400.0:
         raise argparse.ArgumentTypeError(f'{text} s is not between 1 s and a week')
     return value
@@ -133,7 +166,8 @@ def _live(
     folder: Path,
     environment: dict[str, str],
     duration_s: float,
-    faults: bool = False,
+    live: LiveTest | None,
+    faults: bool,
 ) -> BenchMonitor:
     """Run the nodes for a while, whatever ends it; return what the monitor saw."""
     from imu_bench.cli.fault_lines import FaultNews
@@ -143,12 +177,23 @@ def _live(
 
     processes = BenchProcesses(folder / 'log', environment)
     sensors = [sensor.name for sensor in bench.sensors]
+    moved = live.write(folder / 'scenario') if live else {}
+    begun: list[float] = []
     try:
-        _start(bench, folder, processes)
+        _start(bench, folder, processes, moved)
         with BenchMonitor(sensors) as monitor:
+
+            def begin() -> float:
+                if live is None:
+                    return time.monotonic()
+                at_s = time.time() + LEAD_S
+                monitor.begin(at_s)
+                begun.append(at_s)
+                return time.monotonic() + at_s - time.time()
+
             news = FaultNews(monitor.sensors).lines if faults else tuple
             try:
-                show(monitor, processes, UP_WITHIN_S, duration_s, news)
+                show(monitor, processes, UP_WITHIN_S, duration_s, news, begin)
             except KeyboardInterrupt:
                 print('stopping', file=sys.stderr)
             # while the monitor listens: a sensor says as it goes what it lost at last
@@ -158,6 +203,8 @@ def _live(
         # the recorder last: it writes down what the others say as they go
         for group in (sensors, ['analysis'], ['recorder']):
             _stop(processes, group)
+        if live and begun:
+            _write_truth(bench, folder, live, begun[0])
 
 
 def _stop(processes: BenchProcesses, names: list[str]) -> None:
@@ -165,7 +212,19 @@ def _stop(processes: BenchProcesses, names: list[str]) -> None:
         print(f'{name} did not stop and was killed: {processes.log(name)}', file=sys.stderr)
 
 
-def _start(bench: BenchConfig, folder: Path, processes: BenchProcesses) -> None:
+def _write_truth(bench: BenchConfig, folder: Path, live: LiveTest, begin_s: float) -> None:
+    """Write what is true about the recording beside it, as `imu-bench simulate` does."""
+    from imu_bench.bench import simulate
+    from imu_bench.simulation.recording import write_truth
+
+    sensors = [simulate(sensor, live.scenario) for sensor in bench.sensors]
+    begin_ns = round(begin_s * 1e9)
+    write_truth(folder, sensors, live.scenario, live.duration_s, start_ns=begin_ns)
+
+
+def _start(
+    bench: BenchConfig, folder: Path, processes: BenchProcesses, moved: Mapping[str, Any]
+) -> None:
     from imu_bench.config.location import config_file
     import yaml
 
@@ -178,10 +237,11 @@ def _start(bench: BenchConfig, folder: Path, processes: BenchProcesses) -> None:
         processes.start(name, module, ['--ros-args', *files, *flags])
     for sensor in bench.sensors:
         own = folder / 'log' / f'{sensor.name}.yaml'
-        document = {'/**': {'ros__parameters': dict(bench.overrides[sensor.name])}}
+        own_settings = {**bench.overrides[sensor.name], **moved}
+        document = {'/**': {'ros__parameters': own_settings}}
         own.write_text(yaml.safe_dump(document), encoding='utf-8')
         files = ['--params-file', str(bench.files[sensor.name])]
-        if bench.overrides[sensor.name]:
+        if own_settings:
             files += ['--params-file', str(own)]
         processes.start(
             sensor.name,
@@ -199,12 +259,12 @@ def _verdicts(monitor: BenchMonitor) -> int:
     return int(not all(sensor.publishing for sensor in monitor.sensors.values()))
 
 
-def _analyse(folder: Path) -> int:
+def _analyse(folder: Path, plan: list[str]) -> int:
     from imu_bench.cli.main import main
 
     report = folder / 'report.html'
     outputs = ['--html', str(report), '--json', str(folder / 'results.json')]
-    code = main(['analyze', str(folder / 'bag'), *outputs])
+    code = main(['analyze', str(folder / 'bag'), *plan, *outputs])
     if code == 0:
         print(f'report: {report.resolve()}')
     return code

@@ -181,7 +181,7 @@ def _table(title: str, *columns: str) -> Table:
 
 
 def _say(out: Console, words: str) -> None:
-    from imu_bench.cli.table import clean
+    from imu_bench.cli.words import clean
     from rich.text import Text
 
     out.print(Text(clean(words)))

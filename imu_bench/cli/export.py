@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 
 from imu_bench.cli.main import DONE
-from imu_bench.cli.outputs import check_output
+from imu_bench.cli.outputs import check_outputs
 
 FORMATS = (
     'kalibr', 'openvins', 'vins', 'gtsam', 'robot_localization', 'sensor_msgs', 'gz-sim',
@@ -44,13 +44,14 @@ def run(arguments: argparse.Namespace) -> int:
     # imported here: help must not wait for scipy
     from imu_bench.offline import results
     from imu_bench.offline.exports import render
+    from imu_bench.offline.whole_files import write_text
 
-    check_output(arguments.output)
+    check_outputs([arguments.output], [arguments.result])
     analysis = results.read(arguments.result)
     text = render(analysis, arguments.to, arguments.topic, conservative=arguments.conservative)
     if arguments.output is None:
         print(text, end='')
     else:
-        arguments.output.write_text(text, encoding='utf-8')
+        write_text(arguments.output, text)
         print(f'wrote {arguments.output}')
     return DONE

@@ -31,6 +31,7 @@ def show(
     up_within_s: float,
     duration_s: float,
     news: Callable[[], Iterable[str]] = tuple,
+    begin: Callable[[], float] = time.monotonic,
 ) -> None:
     """
     Show the bench until it has run for `duration_s` since the last sensor came up.
@@ -42,6 +43,9 @@ def show(
     up_within_s, duration_s : float
     news : callable, optional
         Returns lines to print, each once.
+    begin : callable, optional
+        Called when the last sensor has come up; returns from when on the duration counts, on
+        the clock of `time.monotonic`.
 
     Raises
     ------
@@ -59,10 +63,10 @@ def show(
                 live.console.print(line, soft_wrap=True, markup=False, highlight=False)
             now = time.monotonic()
             if up is None and all(view.publishing for view in monitor.sensors.values()):
-                up = now
+                up = begin()
             if up is None and now - began > up_within_s:
                 raise NotReady(_missing(monitor, processes, up_within_s))
-            heading = 'starting the nodes' if up is None else f'{now - up:.0f} of {duration_s:g} s'
+            heading = _heading(up, now, duration_s)
             if console.is_terminal:
                 live.update(_table(monitor, heading))
             elif now - said > LINE_EVERY_S:
@@ -72,6 +76,10 @@ def show(
             time.sleep(
                 REFRESH_S if up is None else min(REFRESH_S, max(0.0, up + duration_s - now))
             )
+
+
+def _heading(up: float | None, now: float, duration_s: float) -> str:
+    return 'starting the nodes' if up is None else f'{max(0.0, now - up):.0f} of {duration_s:g} s'
 
 
 def _look_after(processes: BenchProcesses) -> None:

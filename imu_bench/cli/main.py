@@ -19,7 +19,8 @@ import re
 import sys
 
 from imu_bench import __version__
-from imu_bench.errors import BenchError, os_error_text
+from imu_bench.cli.words import clean, forgiving
+from imu_bench.errors import BenchError, ConfigError, os_error_text
 
 PACKAGE = 'imu_bench.cli'
 
@@ -56,6 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # the reader of a pipe (`| head`) has gone; Python must not complain at exit either
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAULT
+    except ConfigError as error:  # a problem a line
+        complain('; '.join(str(error).splitlines()))
     except BenchError as error:
         complain(str(error))
     except MemoryError:
@@ -69,7 +72,7 @@ def _allow_every_character() -> None:
     """Let a terminal or pipe that knows no µ show a question mark instead of failing."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors='replace')
+            stream.reconfigure(errors=forgiving())
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -102,9 +105,7 @@ def verb_names() -> list[str]:
 
 def complain(message: str) -> None:
     """Print one error line on stderr; characters that would steer a terminal are made visible."""
-    line = ' '.join(message.split())
-    shown = ''.join(c if c.isprintable() else f'\\x{ord(c):02x}' for c in line)
-    print(f'imu-bench: error: {shown}', file=sys.stderr)
+    print(f'imu-bench: error: {clean(" ".join(message.split()))}', file=sys.stderr)
 
 
 if __name__ == '__main__':

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from imu_bench.cli.table import clean, console, fits
+from imu_bench.cli.table import console, fits
 from imu_bench.cli.table import finding as finding_line
+from imu_bench.cli.words import clean
 from imu_bench.offline.plans import shown
 from imu_bench.offline.plans.result import PlanResult, Table
 from rich import box, table

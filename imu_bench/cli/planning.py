@@ -14,10 +14,12 @@ from imu_bench.cli.running import kept, workers
 from imu_bench.errors import ConfigError
 from imu_bench.offline import plan_runs, plans
 from imu_bench.offline.failure import Failure
+from imu_bench.offline.mapped import Residency
 from imu_bench.offline.pipeline import Order
 from imu_bench.offline.plans.result import PlanResult, write
 from imu_bench.offline.recordings import ReadOptions
 from imu_bench.offline.settings import Settings
+from imu_bench.offline.workers import MAPPED_BYTES
 
 
 def run(
@@ -41,9 +43,11 @@ def run(
     plan = kind(_settings(arguments.set), reference=settings.reference)
     if not paths:
         return FAULT
-    with workers(arguments, paths) as team, Bar() as bar:
+    with workers(arguments, paths) as team, Bar() as bar, Residency(MAPPED_BYTES):
         order = Order(options, settings, kept(arguments, paths).columns)
-        job = plan_runs.Job(paths, order, team, bar.phase, lambda found: complain(found.error))
+        job = plan_runs.Job(
+            paths, order, team, bar.phase, lambda found: complain(found.error), arguments.pair
+        )
         try:
             result = plan_runs.run(plan, job)
         except plan_runs.NothingMeasured:

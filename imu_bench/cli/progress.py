@@ -6,10 +6,11 @@ from __future__ import annotations
 import sys
 import time
 from types import TracebackType
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
-from rich.text import Text
+# imported late: whoever is quick, or works where nobody watches, needs no bar
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
 
 PATIENCE_S = 1.0
 
@@ -34,32 +35,30 @@ class Bar:
         self._visible = sys.stderr.isatty()
         self._patience_s = patience_s
         self._begun = time.monotonic()
-        self._progress = Progress(
-            TextColumn('{task.description}'),
-            BarColumn(),
-            TextColumn('{task.percentage:>3.0f} %'),
-            TimeRemainingColumn(compact=True),
-            console=Console(stderr=True),
-            transient=True,
-        )
+        self._title = ''
+        self._progress: Progress | None = None
         self._task: TaskID | None = None
-        self._started = False
 
     def phase(self, title: str) -> Step:
         """Begin a phase and return the function that reports its progress."""
-        if self._task is not None:
+        if self._progress is not None and self._task is not None:
             self._progress.remove_task(self._task)
-        # the title holds a file name, which must not be read as markup
-        self._task = self._progress.add_task(Text(title).markup, total=None)
+        self._title, self._task = title, None
         return Step(self)
 
     def update(self, done: int, total: int) -> None:
         """Show how much is done."""
-        if self._task is None or not self._visible:
+        if not self._visible:
             return
-        if not self._started and time.monotonic() - self._begun >= self._patience_s:
-            self._progress.start()
-            self._started = True
+        if self._progress is None:
+            if time.monotonic() - self._begun < self._patience_s:
+                return
+            self._progress = _started()
+        if self._task is None:
+            from rich.text import Text
+
+            # the title holds a file name, which must not be read as markup
+            self._task = self._progress.add_task(Text(self._title).markup, total=None)
         self._progress.update(self._task, completed=done, total=max(total, done, 1))
 
     def __enter__(self) -> Bar:
@@ -71,7 +70,7 @@ class Bar:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._started:
+        if self._progress is not None:
             self._progress.stop()
 
 
@@ -84,3 +83,19 @@ class Step:
     def __call__(self, done: int, total: int) -> None:
         """Report."""
         self._bar.update(done, total)
+
+
+def _started() -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    progress = Progress(
+        TextColumn('{task.description}'),
+        BarColumn(),
+        TextColumn('{task.percentage:>3.0f} %'),
+        TimeRemainingColumn(compact=True),
+        console=Console(stderr=True),
+        transient=True,
+    )
+    progress.start()
+    return progress

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from pathlib import Path
+import sys
 import threading
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -17,7 +18,14 @@ from imu_bench.errors import RecordingError
 from imu_bench.offline.mapped import Residency
 from imu_bench.offline.recordings.cache import LARGE
 from imu_bench.offline.recordings.loading import stored_bytes
-from imu_bench.offline.workers import Here, MAPPED_BYTES, Processes, usable_cores, Workers
+from imu_bench.offline.workers import (
+    Here,
+    MAPPED_BYTES,
+    MOST_WITHIN_MEMORY,
+    Processes,
+    usable_cores,
+    Workers,
+)
 
 if TYPE_CHECKING:
     from imu_bench.offline.failure import Failure
@@ -64,7 +72,18 @@ def workers(
     jobs = arguments.jobs or usable_cores()
     if jobs == 1 or (len(paths) < _MANY and _bytes(paths) < LARGE):
         return nullcontext(Here())
-    return Processes(jobs)
+    return Processes(within_memory(jobs))
+
+
+def within_memory(jobs: int) -> int:
+    """Return how many of so many processes have room in 1 GB together; tell if it is fewer."""
+    if jobs > MOST_WITHIN_MEMORY:
+        print(
+            f'--jobs {jobs}: {MOST_WITHIN_MEMORY} processes do the work, more would take over '
+            '1 GB of memory together',
+            file=sys.stderr,
+        )
+    return min(jobs, MOST_WITHIN_MEMORY)
 
 
 def kept(arguments: argparse.Namespace, paths: Sequence[Path]) -> Kept:

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 import re
 import sys
@@ -78,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
         for remark in sensor.remarks():
             print(f'note: {remark}', file=sys.stderr)
     begun = time.monotonic()
-    with Bar() as bar:
+    with Bar() as bar, _honest(arguments.output, storage):
         step = bar.phase(f'simulating {scenario.name}')
         if storage == 'npy':
             counts = recording.write_columns(
@@ -100,6 +102,18 @@ def run(arguments: argparse.Namespace) -> int:
         f'truth in {arguments.output / recording.TRUTH}'
     )
     return 0
+
+
+@contextmanager
+def _honest(path: Path, storage: str) -> Iterator[None]:
+    """Say what a run that is stopped with Ctrl-C leaves behind."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        left = 'cannot be read: remove it' if storage == 'npy' else 'ends where it was stopped'
+        if path.exists():
+            print(f'note: {path} is not complete; it {left}', file=sys.stderr)
+        raise
 
 
 def _sensors(arguments: argparse.Namespace) -> tuple[list[SensorConfig], str]:
@@ -167,7 +181,6 @@ def _duration(text: str) -> float:
 
 
 def _seed(text: str) -> int:
-    number = int(text)
-    if not 0 <= number < 2**31:
-        raise argparse.ArgumentTypeError('a seed is between 0 and 2147483647')
-    return number
+    if not (text.isdecimal() and int(text) < 2**31):
+        raise argparse.ArgumentTypeError(f'{text!r} is no whole number from 0 to 2147483647')
+    return int(text)

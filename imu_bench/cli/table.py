@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import shutil
 import sys
 
+from imu_bench.cli.words import clean
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.comparison import Comparison
@@ -32,7 +33,6 @@ PIPE_WIDTH = 200
 """Columns where the output is not a terminal: nobody wraps lines of a file."""
 
 _UNLIMITED = 10_000
-_THIN = '\u202f'  # between groups of digits
 _COLOURS = {'info': 'dim', 'warning': 'yellow', 'severe': 'bold red'}
 _TITLES = {'linear_acceleration': 'Acceleration', 'angular_velocity': 'Angular velocity'}
 
@@ -164,8 +164,3 @@ def _stacked(
         out.print(Text(f'{clean(label)} {axis.letter}'))
         for column in columns:
             out.print(Text(f'  {column.title:<14}{text(column.estimates[index])}'))
-
-
-def clean(words: str) -> str:
-    """Return text from a recording without characters that would steer the terminal."""
-    return ''.join(c if c.isprintable() or c == _THIN else f'\\x{ord(c):02x}' for c in words)

@@ -28,6 +28,7 @@ RECORDER_SETTINGS = (
 _BENCH = (
     Setting('name', REQUIRED, 'Short name of the bench.'),
     Setting('title', '', 'What the bench is, in one line.'),
+    Setting('demo', '', 'Test that `imu-bench demo` shows; at rest if none.'),
 )
 _ENTRY = (
     Setting('file', REQUIRED, "The sensor's file, relative to the bench's."),
@@ -68,6 +69,8 @@ class BenchConfig:
     recorder : RecorderConfig
     tests : tuple of BenchTest
         What is to be done with it.
+    demo : str
+        Name of the test that a demo shows; empty for none.
     """
 
     name: str
@@ -78,6 +81,26 @@ class BenchConfig:
     analysis: AnalysisConfig = AnalysisConfig()
     recorder: RecorderConfig = RecorderConfig()
     tests: tuple[BenchTest, ...] = ()
+    demo: str = ''
+
+    def test(self, name: str) -> BenchTest:
+        """
+        Return one of the tests.
+
+        Raises
+        ------
+        ConfigError
+            If there is none of that name; the text lists those there are.
+        """
+        if not self.tests:
+            raise ConfigError(
+                f'bench {self.name} lists no tests; add them under tests: in its YAML file'
+            )
+        for test in self.tests:
+            if test.name == name:
+                return test
+        known = ', '.join(test.name for test in self.tests)
+        raise ConfigError(f'--test {name}: bench {self.name} has: {known}')
 
 
 def load_analysis(path: str | Path) -> AnalysisConfig:
@@ -117,6 +140,7 @@ def load_bench(path: str | Path, *, settings_of: SettingsOf | None = None) -> Be
     """
     path = Path(path)
     document = read_yaml(path)
+    _refuse_parameters(document, path)
     problems: list[str] = []
     entries = document.pop('sensors', None)
     tests = read_tests(document.pop('tests', None), f'{path}: tests', problems)
@@ -139,6 +163,8 @@ def load_bench(path: str | Path, *, settings_of: SettingsOf | None = None) -> Be
         sensors.append(sensor)
         files[sensor.name] = path.parent / entry['file']
         overrides[sensor.name] = dict(flatten(entry.get('overrides') or {}))
+    if top.get('demo') and top['demo'] not in [test.name for test in tests]:
+        problems.append(f'{path}: demo: {top["demo"]!r} is none of the tests')
     raise_if_any(problems)
     return BenchConfig(
         name=top['name'],
@@ -149,7 +175,17 @@ def load_bench(path: str | Path, *, settings_of: SettingsOf | None = None) -> Be
         analysis=AnalysisConfig(**sections['analysis']),
         recorder=RecorderConfig(**sections['recorder']),
         tests=tests,
+        demo=top['demo'],
     )
+
+
+def _refuse_parameters(document: Mapping[Any, Any], path: Path) -> None:
+    """Say so where the file of a sensor stands for that of a bench."""
+    if any(isinstance(node, Mapping) and PARAMETERS in node for node in document.values()):
+        raise ConfigError(
+            f"{path}: the parameters of a node, no bench; a bench lists its sensors' files below "
+            f"'sensors:', each as '- file: {path.name}'"
+        )
 
 
 def _section(

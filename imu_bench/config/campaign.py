@@ -25,6 +25,11 @@ _TEST = (
     Setting('reference', '', 'Sensor that the others are compared with.'),
     Setting('on_request', False, 'Whether the test is run only when it is named.'),
 )  # fmt: skip
+_ALSO = (
+    Setting('name', REQUIRED, 'Last part of the names of these runs.'),
+    Setting('scenarios', REQUIRED, 'Scenarios to run.', kind='strs'),
+    Setting('set', (), 'Settings of these scenarios, as NAME=VALUE.', kind='strs'),
+)
 _SHORT = (
     Setting('scenarios', None, 'Scenarios of the short form.', kind='strs'),
     Setting('axes', None, 'Axes of the short form.', kind='strs'),
@@ -55,6 +60,24 @@ class Run(NamedTuple):
     seed: int
 
 
+class Also(NamedTuple):
+    """
+    More runs of a test, each once along every axis: what the others are compared with.
+
+    Attributes
+    ----------
+    name : str
+        Last part of their names.
+    scenarios : tuple of str
+    overrides : tuple of str
+        Settings of these scenarios, as NAME=VALUE.
+    """
+
+    name: str
+    scenarios: tuple[str, ...]
+    overrides: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class BenchTest:
     """
@@ -74,8 +97,10 @@ class BenchTest:
         Of the plan.
     on_request : bool
         Whether it is run only when it is named.
-    short : mapping of str to object
-        What its short form changes.
+    also : Also, optional
+        More runs of it.
+    short, live : mapping of str to object
+        What its short form changes, and what the form does that runs in about a minute.
     """
 
     name: str
@@ -89,19 +114,28 @@ class BenchTest:
     reference: str = ''
     settings: Mapping[str, str] = field(default_factory=dict)
     on_request: bool = False
+    also: Also | None = None
     short: Mapping[str, Any] = field(default_factory=dict)
+    live: Mapping[str, Any] = field(default_factory=dict)
 
     def shortened(self) -> BenchTest:
         """Return the short form of this test; the same if it has none."""
+        return self._changed(self.short)
+
+    def made_live(self) -> BenchTest:
+        """Return the form of this test that a demo has time for; the same if it has none."""
+        return self._changed(self.live)
+
+    def _changed(self, form: Mapping[str, Any]) -> BenchTest:
         changed: dict[str, Any] = {
-            name: self.short[name]
+            name: form[name]
             for name in ('scenarios', 'axes', 'repetitions')
-            if self.short.get(name) is not None
+            if form.get(name) is not None
         }
-        if self.short.get('duration') is not None:
-            changed['duration_s'] = self.short['duration'][0]
-        if self.short.get('set') is not None:
-            changed['overrides'] = (*self.overrides, *self.short['set'])
+        if form.get('duration') is not None:
+            changed['duration_s'] = form['duration'][0]
+        if form.get('set') is not None:
+            changed['overrides'] = (*self.overrides, *form['set'])
         return BenchTest(**{**vars(self), **changed})
 
     def runs(self, seed: int = 0) -> Iterator[Run]:
@@ -114,14 +148,17 @@ class BenchTest:
         >>> [run.name for run in test.runs()]
         ['sine_x_1', 'sine_x_2', 'sine_y_1', 'sine_y_2']
         """
-        several = range(1, self.repetitions + 1)
-        every = product(self.scenarios, self.axes or ('',), several)
-        for number, (scenario, axis, repetition) in enumerate(every):
-            parts = [scenario, *filter(None, [axis])]
-            if self.repetitions > 1:
-                parts.append(str(repetition))
+        several = [str(number) for number in range(1, self.repetitions + 1)]
+        axes = self.axes or ('',)
+        every = list(product(self.scenarios, axes, several if several[1:] else ['']))
+        ordinary = len(every)
+        if self.also is not None:
+            every += product(self.also.scenarios, axes, [self.also.name])
+        for number, (scenario, axis, last) in enumerate(every):
             own = (f'axis={axis}',) if axis else ()
-            yield Run('_'.join(parts), scenario, (*own, *self.overrides), seed + number)
+            more = self.also.overrides if self.also and number >= ordinary else ()
+            name = '_'.join(filter(None, (scenario, axis, last)))
+            yield Run(name, scenario, (*own, *self.overrides, *more), seed + number)
 
 
 def read_tests(entries: object, where: str, problems: list[str]) -> tuple[BenchTest, ...]:
@@ -149,22 +186,29 @@ def _test(entry: object, where: str, problems: list[str]) -> BenchTest | None:
         problems.append(f"{where}: {entry!r} is no test like '- name: static'")
         return None
     given = dict(entry)
-    settings = given.pop('settings', None) or {}
-    short = given.pop('short', None) or {}
+    parts = {name: given.pop(name, None) or {} for name in ('settings', 'also', 'short', 'live')}
     before = len(problems)
-    for name, part in (('settings', settings), ('short', short)):
+    for name, part in parts.items():
         if not isinstance(part, Mapping):
             problems.append(f'{where}.{name}: {part!r} is no mapping of settings')
             return None
     values = check_all(dict(flatten(given)), _TEST, where, problems)
-    changed = check_all(dict(flatten(short)), _SHORT, f'{where}.short', problems)
+    forms = {
+        name: check_all(dict(flatten(parts[name])), _SHORT, f'{where}.{name}', problems)
+        for name in ('short', 'live')
+    }
+    more = parts['also'] and check_all(
+        dict(flatten(parts['also'])), _ALSO, f'{where}.also', problems
+    )
     if len(problems) > before:
         return None
     duration = values.pop('duration')
     return BenchTest(
         overrides=values.pop('set'),
         duration_s=None if duration is None else duration[0],
-        settings={str(name): str(value) for name, value in settings.items()},
-        short=changed,
+        settings={str(name): str(value) for name, value in parts['settings'].items()},
+        also=Also(more['name'], more['scenarios'], more['set']) if more else None,
+        short=forms['short'],
+        live=forms['live'],
         **values,
     )

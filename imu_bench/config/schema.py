@@ -47,6 +47,8 @@ class Setting:
         'bool', 'int', 'float', 'str', 'strs' (list of texts) or 'quantity': a
         text of number and unit such as '150 µg/√Hz', or a list of three of
         them, one per axis.  Deduced from the default when not given.
+    changes : bool
+        Whether it may be changed while a node runs.
 
     Examples
     --------
@@ -65,6 +67,7 @@ class Setting:
     bounds: tuple[float, float] | None = None
     unit: str = ''
     kind: str = ''
+    changes: bool = False
 
     def __post_init__(self) -> None:
         if not self.kind:
@@ -79,7 +82,7 @@ class Setting:
         """What is allowed, in words for an error text or a table."""
         unit = f' {self.unit}' if self.unit else ''
         if self.allowed:
-            return ', '.join(_spelled(value) for value in self.allowed) + unit
+            return ', '.join(_spelled(value) or 'nothing' for value in self.allowed) + unit
         if self.bounds is None:
             return _KINDS[self.kind] + (f' that measures what {self.unit} does' if unit else '')
         low, high = self.bounds

@@ -94,6 +94,14 @@ def _rows(name: str, description: str, unit: str) -> Iterator[Setting]:
 SIMULATION_SETTINGS = (
     Setting('simulation.seed', 0, 'Seed; each sensor draws a stream.', bounds=(0, 2**31 - 1)),
     Setting('simulation.scenario', 'still', 'How the bench moves: a scenario or its file.'),
+    Setting(
+        'simulation.begin',
+        0.0,
+        'Unix time at which it begins to move; 0 as it is switched on.',
+        bounds=(0.0, 1e10),
+        unit='s',
+        changes=True,
+    ),
     FAULTS,
     _quantity('rate_error', "Error of the chip's oscillator.", '1', (-0.2, 0.2), (0.0,)),
     _quantity('roll', 'Tilt of the sensor on the bench about x.', 'rad', default=(0.0,)),

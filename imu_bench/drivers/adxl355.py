@@ -2,13 +2,20 @@
 """
 Analog Devices ADXL355: accelerometer of low noise.
 
-Document: ADXL354/ADXL355 data sheet rev. C (DS), which was not at hand: register map, codes,
-scales and temperature are those of the maker's own driver (no-OS, drivers/accel/adxl355), the
-tag of the FIFO follows from bytes captured from a chip, noise and bandwidth from a quotation of
-DS.  Everything else that names DS below is an assumption to be checked against it: start-up
-times, entries behind the FIFO, timing of the buses, offset and its drift, scale error.  Assumed
-as well: right-handed axes, and that reading STATUS clears the overrun flag.  The ADXL357 has the
-same part number in its registers; its ranges are five times wider.
+Document: ADXL354/ADXL355 data sheet rev. C (DS), which was not at hand.  Its facts were taken from
+the maker's driver in C (no-OS, drivers/accel/adxl355) and compared one by one with the maker's in
+Rust (R: analogdevicesinc/adi-adxl355-rs, its comments quote DS), Linux (L: adxl355_core.c) and
+Zephyr (Z: drivers/sensor/adi/adxl355).  Those that have a fact have the same: addresses (R, L, Z),
+identities, codes of FILTER with rates and high-pass, reset code (R, L, Z); low-pass of a quarter,
+bits of STATUS and POWER_CTL, I²C addresses (R); fields of RANGE, read bit of SPI (Z); range codes,
+tag of the x axis (R, Z); temperature (R, L); shadow registers after a reset (R, L; DS page 43 in
+plasmapper/adxl355-arduino, issue 5); standby resets the pointers of the FIFO (R); entries arrive
+one by one (no-OS, issue 2431).  The scale is 256000 LSB/g in Z, and 3.9 µg/LSB, rounded, 0.16 %
+less, in R and L.  Noise and bandwidth are from a quotation of DS.
+
+To be checked against DS: start-up times, entries behind the FIFO (R: 96 at most; 99 are let pass),
+timing of the buses, offset and its drift, scale error, right-handed axes, and that reading STATUS
+clears the overrun flag.  The ADXL357 has the same part number; its ranges are five times wider.
 """
 
 from __future__ import annotations

@@ -102,6 +102,8 @@ class Driver(RegisterMap, ABC):
     continuity : int
         Increases whenever samples were lost between two reads (overflow, reset, restart), so
         that the clock model starts anew and the gap is counted.
+    dated : bool
+        False while they are read so seldom that only the time tells how many passed in between.
     skipped : dict of int to int
         Of a chip that numbers its samples: how many are missing before a run of those that
         `read` returned last, by the place of the run.  The clock model goes on then.
@@ -132,6 +134,7 @@ class Driver(RegisterMap, ABC):
             dict.fromkeys((*COMMON_COUNTERS, *self.counter_names), 0)
         )
         self.continuity = 0
+        self.dated = True
         self.skipped: dict[int, int] = {}
         self.configured = False
         self.trims: dict[str, Any] = {}
@@ -316,16 +319,9 @@ class Driver(RegisterMap, ABC):
 
 
 class PolledDriver(Driver):
-    """
-    Base for a chip that overwrites its registers and does not say when: `imu_bench.bus.updates`.
+    """Base for a chip that overwrites its registers and does not say when: see `Updates`."""
 
-    Attributes
-    ----------
-    updates : Updates
-        Takes each sample once.
-    """
-
-    counter_names: ClassVar[tuple[str, ...]] = ('repeated', 'lost_samples')
+    counter_names: ClassVar[tuple[str, ...]] = ('repeated', 'lost_samples', 'undated')
 
     def __init__(
         self, bus: Bus | Mapping[str, Bus], clock: Clock, settings: Mapping[str, object]
@@ -346,7 +342,13 @@ class PolledDriver(Driver):
     def look(self, row: Any, before_ns: int, after_ns: int, words: bytes) -> Look:
         """Look for new samples and count; of those that are missing the acquisition learns."""
         look = self.updates.look(row, before_ns, after_ns, words)
-        self.counters.update(repeated=look.repeated, lost_samples=look.skipped)
+        self.counters.update(
+            repeated=look.repeated,
+            lost_samples=look.skipped,
+            undated=len(look.rows) * look.undated,
+        )
+        if len(look.rows):
+            self.dated = not look.undated
         if look.lost_track:
             self.continuity += 1
         elif look.skipped:

@@ -16,7 +16,7 @@ from imu_bench.drivers.bno055 import Bno055, FIELD_HZ, FUSED_HZ, MEASURED, PLAIN
 from imu_bench.drivers.driver import Driver
 from imu_bench.emulators.attitude import Attitude
 from imu_bench.emulators.line import Line
-from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
+from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, or_zero, Source
 from imu_bench.emulators.stream import EmulatedStream, StreamDevice
 from imu_bench.registers import Channel, Register
 from imu_bench.samples import Samples
@@ -149,13 +149,13 @@ class Bno055Chip(EmulatedChip):
         before, self._made = self._made, self._made + len(samples)
         newest = samples[-1:]
         if 'A' in letters:
-            si = _or_zero(newest.acceleration)
+            si = or_zero(newest.acceleration, (1, 3))
             self._put(B.acceleration, si, _ACCELERATION[self._unit(0)])
         if 'G' in letters:
-            si = _or_zero(newest.angular_velocity)
+            si = or_zero(newest.angular_velocity, (1, 3))
             self._put(B.angular_velocity, si, _ROTATION[self._unit(1)])
         if 'M' in letters and before // self._field_step != self._made // self._field_step:
-            self._put(B.magnetic_field, _or_zero(newest.magnetic_field))
+            self._put(B.magnetic_field, or_zero(newest.magnetic_field, (1, 3)))
         celsius = 0.0 if newest.temperature is None else float(newest.temperature[0])
         # DS section 3.6.1: 1 °C, or 2 °F
         shown = (celsius * 1.8 + 32) / 2 if self._unit(4) else celsius
@@ -165,7 +165,7 @@ class Bno055Chip(EmulatedChip):
 
     def _fuse(self, samples: Samples, with_field: bool) -> None:
         """Fill what only the fusion makes."""
-        force = _or_zero(samples.acceleration, len(samples))
+        force = or_zero(samples.acceleration, (len(samples), 3))
         if samples.orientation is None:
             field = samples.magnetic_field if with_field else None
             quaternion = self._attitude.follow(force, field)[-1:]
@@ -196,10 +196,6 @@ class Bno055Chip(EmulatedChip):
     def _put(self, channel: Channel, si: np.ndarray, ratio: float = 1.0) -> None:
         words = self.memory.quantise(channel, si, ratio)
         self.memory.fill(channel.first, words.tobytes())
-
-
-def _or_zero(values: np.ndarray | None, n: int = 1) -> np.ndarray:
-    return np.zeros((n, 3)) if values is None else values
 
 
 class Bno055Uart(StreamDevice):

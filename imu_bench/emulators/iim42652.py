@@ -27,7 +27,7 @@ from imu_bench.drivers.iim42652 import (
 )
 from imu_bench.emulators.line import Line
 from imu_bench.emulators.low_pass import LowPass
-from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
+from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, or_zero, Source
 from imu_bench.registers import Channel, Register
 from imu_bench.samples import Samples
 import numpy as np
@@ -164,9 +164,9 @@ class Iim42652Chip(EmulatedChip):
 
     def _take(self, samples: Samples) -> None:
         n = len(samples)
-        force = self._acceleration.filter(_or_zero(samples.acceleration, (n, 3)))
-        rotation = self._rotation.filter(_or_zero(samples.angular_velocity, (n, 3)))
-        celsius = _or_zero(samples.temperature, (n,))
+        force = self._acceleration.filter(or_zero(samples.acceleration, (n, 3)))
+        rotation = self._rotation.filter(or_zero(samples.angular_velocity, (n, 3)))
+        celsius = or_zero(samples.temperature, (n,))
         awake = {
             name: samples.stamps >= self._valid_ns.get(name, samples.stamps[-1] + 1)
             for name in ('accelerometer', 'gyroscope')
@@ -299,10 +299,6 @@ class Iim42652Chip(EmulatedChip):
             memory.set(C.SIGNAL_PATH_RESET, 0)
         elif register is C.FIFO_CONFIG and memory.value(C.fifo_mode) == 'bypass':
             self._fifo.clear()
-
-
-def _or_zero(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
-    return np.zeros(shape) if values is None else values
 
 
 def create(

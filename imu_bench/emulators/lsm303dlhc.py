@@ -16,7 +16,7 @@ from imu_bench.emulators.fifo_chip import FifoChip
 from imu_bench.emulators.line import Line
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.output_registers import OutputRegisters
-from imu_bench.emulators.register_map import EmulatedBus, Source
+from imu_bench.emulators.register_map import EmulatedBus, or_zero, Source
 from imu_bench.emulators.second_die import SecondDie, Surroundings
 from imu_bench.emulators.slot_fifo import SlotFifo
 from imu_bench.registers import Register
@@ -75,8 +75,7 @@ class InertialDie(FifoChip):
     def slots(self, samples: Samples) -> np.ndarray:
         """Return three words of each sample; without high resolution they have 10 bit."""
         n = len(samples)
-        force = np.zeros((n, 3)) if samples.acceleration is None else samples.acceleration
-        force = self._filter.filter(force)
+        force = self._filter.filter(or_zero(samples.acceleration, (n, 3)))
         if self._unsettled:
             risen = np.minimum((np.arange(n) + TURN_ON - self._unsettled) / TURN_ON, 1.0)
             force = force * risen[:, np.newaxis]

@@ -15,7 +15,7 @@ from imu_bench.emulators.fifo_chip import FifoChip
 from imu_bench.emulators.line import Line
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.output_registers import OutputRegisters
-from imu_bench.emulators.register_map import EmulatedBus, Source
+from imu_bench.emulators.register_map import EmulatedBus, or_zero, Source
 from imu_bench.emulators.second_die import SecondDie, Surroundings
 from imu_bench.emulators.slot_fifo import SlotFifo
 from imu_bench.registers import Frame, Register
@@ -94,10 +94,10 @@ class InertialDie(FifoChip):
     def slots(self, samples: Samples) -> np.ndarray:
         """Return gyroscope, then accelerometer, of each sample."""
         n = len(samples)
-        rotation = _or_zero(samples.angular_velocity, n)
+        rotation = or_zero(samples.angular_velocity, (n, 3))
         if not self.memory.code(L.sample_rate):
             rotation = np.zeros((n, 3))
-        force = self._force_filter.filter(_or_zero(samples.acceleration, n))
+        force = self._force_filter.filter(or_zero(samples.acceleration, (n, 3)))
         rotation = self._rotation_filter.filter(rotation)
         if self._unsettled:
             risen = np.arange(n) + self._settling - self._unsettled
@@ -220,10 +220,6 @@ class MagneticDie(SecondDie):
             self.power_up(at_ns)
         elif register in (L.CTRL_REG1_M, L.CTRL_REG3_M):
             self.change_rate(at_ns)
-
-
-def _or_zero(values: np.ndarray | None, n: int) -> np.ndarray:
-    return np.zeros((n, 3)) if values is None else values
 
 
 def create(

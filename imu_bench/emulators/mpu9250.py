@@ -15,7 +15,7 @@ from imu_bench.emulators.ak8963 import Ak8963
 from imu_bench.emulators.fifo import ByteRing
 from imu_bench.emulators.line import Line
 from imu_bench.emulators.low_pass import LowPass
-from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
+from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, or_zero, Source
 from imu_bench.registers import Field, Frame, Register
 from imu_bench.samples import Samples
 import numpy as np
@@ -98,14 +98,14 @@ class Mpu9250Chip(EmulatedChip):
         memory = self.memory
         words = {
             M.acceleration.quantity: memory.quantise(
-                M.acceleration, self._acceleration.filter(_or_zero(samples.acceleration, (n, 3)))
+                M.acceleration, self._acceleration.filter(or_zero(samples.acceleration, (n, 3)))
             ),
             M.angular_velocity.quantity: memory.quantise(
                 M.angular_velocity,
-                self._rotation.filter(_or_zero(samples.angular_velocity, (n, 3))),
+                self._rotation.filter(or_zero(samples.angular_velocity, (n, 3))),
             ),
             M.temperature.quantity: memory.quantise(
-                M.temperature, _or_zero(samples.temperature, (n,))
+                M.temperature, or_zero(samples.temperature, (n,))
             ),
         }
         if samples.magnetic_field is not None:
@@ -243,10 +243,6 @@ class _Bypass(EmulatedChip):
     def write(self, first: int, data: bytes, at_ns: int) -> None:
         self._host.advance(at_ns)
         self._host.magnetometer.write(first, data, at_ns)
-
-
-def _or_zero(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
-    return np.zeros(shape) if values is None else values
 
 
 def create(

@@ -18,7 +18,7 @@ from imu_bench.drivers.driver import Driver
 from imu_bench.drivers.mti300 import BASE_HZ, Mti300
 from imu_bench.emulators.attitude import Attitude
 from imu_bench.emulators.line import Line
-from imu_bench.emulators.register_map import Source
+from imu_bench.emulators.register_map import or_zero, Source
 from imu_bench.emulators.stream import EmulatedStream, StreamDevice
 from imu_bench.registers import Channel, Register
 from imu_bench.samples import Samples
@@ -227,17 +227,16 @@ class Mti300Device(StreamDevice):
         status |= np.where(samples.stamps >= self._awake_ns + FILTER_START_NS, 2, 0)
         found: dict[int, np.ndarray] = {}
         for channel, full, bit in _CLIPS:
-            si = getattr(samples, channel.quantity)
-            si = np.zeros((n, 3)) if si is None else si
+            si = or_zero(getattr(samples, channel.quantity), (n, 3))
             beyond = np.abs(si) > full
             status |= (beyond << np.arange(bit, bit + 3)).sum(axis=1)
             status |= beyond.any(axis=1).astype(np.int64) << 19
             found[channel.first.address] = channel.encode(np.clip(si, -full, full))
         orientation = samples.orientation
         if orientation is None:
-            force = np.zeros((n, 3)) if samples.acceleration is None else samples.acceleration
+            force = or_zero(samples.acceleration, (n, 3))
             orientation = self._attitude.follow(force, samples.magnetic_field)
-        temperature = np.zeros(n) if samples.temperature is None else samples.temperature
+        temperature = or_zero(samples.temperature, (n,))
         slow: tuple[tuple[Channel, np.ndarray], ...] = (
             (M.orientation, orientation),
             (M.temperature, temperature),

@@ -14,6 +14,7 @@ from imu_bench.emulators.line import Line
 from imu_bench.errors import NoAnswer
 from imu_bench.registers import Channel, Field, Register, Value
 from imu_bench.samples import Samples
+import numpy as np
 
 
 class Source(Protocol):
@@ -26,6 +27,11 @@ class Source(Protocol):
     def restart(self, t_ns: int, nominal_hz: float | None = None) -> None:
         """Sample anew from `t_ns` on, at another rate if one is given."""
         ...
+
+
+def or_zero(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Return what a source has of a quantity, or zeros: registers always show something."""
+    return np.zeros(shape) if values is None else values
 
 
 class RegisterMemory:

@@ -7,7 +7,7 @@ Definitions follow W. J. Riley, "Handbook of Frequency Stability Analysis", NIST
 frequency and its integral in the place of phase.
 
 Samples lie on their true time grid.  Where some are missing, only differences whose
-averages are complete count; nothing is interpolated, nothing is moved together.
+averages are complete count, unless `min_share` allows for less; nothing is interpolated.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import math
 from typing import Any, Literal
 
 from imu_bench.errors import DataError
-from imu_bench.metrology import allan_kernels, blockwise, noise_type
+from imu_bench.metrology import allan_kernels, blockwise, noise_type, partial
 from imu_bench.metrology.allan_curve import (
     build_curve,
     curve_from_sums,
@@ -54,6 +54,12 @@ Mask = npt.NDArray[np.bool_]
 DECIMATE_ABOVE = 1 << 20
 """Samples up to which overlap='auto' is full overlap."""
 
+KEPT = 0.99
+"""
+Least share of the record that decimated differences must cover.  Short runs between gaps lose
+more at their ends; their differences are then taken in full.
+"""
+
 
 def deviation(
     data: npt.ArrayLike,
@@ -68,6 +74,7 @@ def deviation(
     overlap: Literal['auto', 'full', 'decimated'] = 'auto',
     intervals: Literal['edf', 'simple'] = 'edf',
     threads: int | None = None,
+    min_share: float = 1.0,
 ) -> DeviationCurve:
     """
     Return one deviation of the Allan family of one axis.
@@ -97,13 +104,18 @@ def deviation(
         every 3rd, 9th, 27th... sample where tau is a multiple of it and at least 12 starts
         per tau remain; this costs below 1 % of statistical efficiency and stays within 1 %
         of full overlap.  Points where phase noise dominates, whose differences only full
-        overlap uses up, are then done in full.  'auto' is full up to 2**20 samples and
-        decimated above.  The other members always use all their differences.
+        overlap uses up, are then done in full, and so are those whose runs between gaps are
+        so short that more than 1 % of the record would be lost.  'auto' is full up to 2**20
+        samples and decimated above.  The other members always use all their differences.
     intervals : str
         'edf': chi-squared with the equivalent degrees of freedom for the noise identified at
         each tau; 'simple': the relative error 1/sqrt(2 (N/K - 1)).
     threads : int, optional
         Cores to use; up to four by default.  The result does not depend on it.
+    min_share : float
+        Least share of its samples that an average needs, from 0.5 to 1; for 'oadev' of rates.
+        Below 1 the mean is taken over those present; `imu_bench.metrology.partial` says what
+        that costs.
 
     Returns
     -------
@@ -128,12 +140,21 @@ def deviation(
     """
     values = _series(data)
     _check(kind, data_type, overlap, intervals, rate_hz, confidence)
+    partial.check_share(min_share, kind, data_type)
     mask = _mask(valid, values.size)
     samples = values.size if mask is None else int(np.count_nonzero(mask))
     threads = blockwise.default_threads() if threads is None else threads
+    thin = kind == 'oadev' and (
+        overlap == 'decimated' or (overlap == 'auto' and values.size > DECIMATE_ABOVE)
+    )
     period = 1.0 / rate_hz
     quiet = np.errstate(over='ignore', invalid='ignore')
     with quiet, blockwise.cores(threads, values.size) as run:
+        if min_share < 1.0 and mask is not None and 0 < samples < values.size:
+            return partial.deviation_of_most(
+                values, mask, rate_hz, tau, min_share, canonical(unit), confidence, thin,
+                intervals, run,
+            )  # fmt: skip
         if data_type == 'rate':
             phase = cumulate(values, mask, run)
         else:
@@ -142,9 +163,6 @@ def deviation(
         runs = _runs(mask, phase.size)
         wanted = averaging_factors(phase.size - 1, tau, rate_hz, kind)
         m, omitted = possible(kind, wanted, runs, period)
-        thin = kind == 'oadev' and (
-            overlap == 'decimated' or (overlap == 'auto' and values.size > DECIMATE_ABOVE)
-        )
         member = MEMBERS[kind]
         sums, terms = _decimated(phase, m, runs, run) if thin else member.sums(phase, m, runs, run)
         if not np.all(np.isfinite(sums)):
@@ -289,20 +307,27 @@ def dynamic_deviation(
 
 def _decimated(phase: Floats, m: Integers, runs: Integers, run: Run) -> tuple[Floats, Integers]:
     """Return the sums of the overlapped Allan variance from fewer and fewer points."""
-    strides = decimation(m, phase.size - 1)
+    full = allan_kernels.number_of_terms(2, m, runs)
+    # a record without gaps that has as many differences as this one
+    strides = decimation(m, full + 2 * m - 1)
     sums = np.zeros(m.size)
     terms = np.zeros(m.size, np.int64)
-    stride = 1
+    thin, its_runs, stride = phase, runs, 1
     while True:
         here = strides == stride
         if here.any():
             sums[here], terms[here] = allan_kernels.second_difference_sums(
-                phase, m[here] // stride, runs, run
+                thin, m[here] // stride, its_runs, run
             )
         if stride >= strides.max():
-            return sums, terms
-        phase, runs = allan_kernels.thinned(phase, runs, BASE, run)
+            break
+        thin, its_runs = allan_kernels.thinned(thin, its_runs, BASE, run)
         stride *= BASE
+    # the ends of every run fall between the points that are kept
+    cut = terms * strides < KEPT * full
+    if cut.any():
+        sums[cut], terms[cut] = allan_kernels.second_difference_sums(phase, m[cut], runs, run)
+    return sums, terms
 
 
 def _series(data: npt.ArrayLike) -> npt.NDArray[np.generic]:

@@ -58,7 +58,7 @@ def _apart(order: int) -> Callable[[Floats, Integers, Integers, Run], Sums]:
         total = np.zeros(m.size)
         terms = np.zeros(m.size, np.int64)
         for index, factor in enumerate(m.tolist()):
-            for first, last in runs.tolist():
+            for first, last in runs[runs[:, 1] - runs[:, 0] > order * factor].tolist():
                 steps = np.diff(phase[first:last:factor], n=order)
                 total[index] += square_sum(steps)
                 terms[index] += steps.size

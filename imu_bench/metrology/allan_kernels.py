@@ -23,6 +23,9 @@ Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
+_FEW_RUNS = 32
+"""Runs in a block up to which each is summed for itself; that costs calls, not memory."""
+
 
 def complete_runs(valid: Mask) -> Integers:
     """
@@ -36,6 +39,28 @@ def complete_runs(valid: Mask) -> Integers:
     padded = np.concatenate(([False], valid, [False]))
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return edges.reshape(-1, 2).astype(np.int64)
+
+
+def number_of_terms(order: int, m: Integers, runs: Integers) -> Integers:
+    """
+    Return the number of complete differences of an order at each averaging factor.
+
+    Parameters
+    ----------
+    order : int
+        Averaging times that a difference spans.
+    m : ndarray of int64, shape (k,)
+        Averaging factors.
+    runs : ndarray of int64, shape (r, 2)
+        Runs of the phase.
+
+    Examples
+    --------
+    >>> number_of_terms(2, np.array([1, 3]), np.array([[0, 5], [6, 13]])).tolist()
+    [8, 1]
+    """
+    lengths, counts = np.unique(runs[:, 1] - runs[:, 0], return_counts=True)
+    return np.asarray(counts @ np.maximum(lengths[:, None] - order * m, 0), np.int64)
 
 
 def second_difference_sums(
@@ -112,7 +137,7 @@ def modified_sums(phase: Floats, m: Integers, runs: Integers) -> tuple[Floats, I
     terms = np.zeros(m.size, np.int64)
     for index, factor in enumerate(m.tolist()):
         size = max(blockwise.BLOCK, factor)
-        for first, last in runs.tolist():
+        for first, last in runs[runs[:, 1] - runs[:, 0] > 3 * factor].tolist():
             end = last - 3 * factor + 1
             for start in range(first, end, size):
                 stop = min(start + size, end)
@@ -122,7 +147,7 @@ def modified_sums(phase: Floats, m: Integers, runs: Integers) -> tuple[Floats, I
                 np.cumsum(inner, out=steps[1:])
                 steps[:-factor] -= steps[factor:]
                 sums[index] += square_sum(steps[:-factor]) / factor**2
-            terms[index] += max(end - first, 0)
+            terms[index] += end - first
     return sums, terms
 
 
@@ -132,30 +157,64 @@ Block = Callable[[Floats, int, int, int, Floats], Floats]
 def _sums(
     difference: Block, order: int, phase: Floats, m: Integers, runs: Integers, run: Run
 ) -> tuple[Floats, Integers]:
-    lengths = runs[:, 1] - runs[:, 0]
-    terms = np.maximum(lengths[:, None] - order * m[None, :], 0).sum(axis=0)
+    terms = number_of_terms(order, m, runs)
     factors = m[terms > 0].tolist()
-    reach = order * factors[0] if factors else 0
-    jobs = [
-        (start, min(start + blockwise.BLOCK, last), last)
-        for first, last in runs.tolist()
-        for start in range(first, last - reach, blockwise.BLOCK)
-    ]
-    desk = blockwise.Desk(3 * min(blockwise.BLOCK, int(lengths.max(initial=0))))
+    end = int(runs[-1, 1]) if factors else 0
+    desk = blockwise.Desk(3 * min(blockwise.BLOCK, phase.size))
 
-    def squares(job: tuple[int, int, int]) -> list[float]:
-        start, end, last = job
+    def squares(start: int) -> Floats:
+        stop = min(start + blockwise.BLOCK, end)
+        inside = runs[np.searchsorted(runs[:, 1], start, 'right') :]
+        inside = inside[: np.searchsorted(inside[:, 0], stop)]
+        within = _one_by_one if len(inside) <= _FEW_RUNS else _together
         with desk.taken() as work:
-            return [
-                square_sum(difference(phase, factor, start, stop, work))
-                for factor in factors
-                if (stop := min(end, last - order * factor)) > start
-            ]
+            return within(difference, order, phase, factors, inside, start, stop, work)
 
     sums = np.zeros(m.size)
-    for row in run(squares, jobs):
-        sums[: len(row)] += row
+    for part in run(squares, range(0, end, blockwise.BLOCK)):
+        sums[: part.size] += part
     return sums, terms
+
+
+def _one_by_one(
+    difference: Block, order: int, phase: Floats, factors: list[int], runs: Integers, start: int,
+    end: int, work: Floats,
+) -> Floats:  # fmt: skip
+    """Return the sums of squares from the points of a block, run by run."""
+    sums = np.zeros(len(factors))
+    for first, last in runs.tolist():
+        begin = max(start, first)
+        for index, factor in enumerate(factors):
+            stop = min(end, last - order * factor)
+            if stop <= begin:
+                break
+            sums[index] += square_sum(difference(phase, factor, begin, stop, work))
+    return sums
+
+
+def _together(
+    difference: Block, order: int, phase: Floats, factors: list[int], runs: Integers, start: int,
+    end: int, work: Floats,
+) -> Floats:  # fmt: skip
+    """Return what `_one_by_one` does: of all points, with those that meet a gap struck out."""
+    sums = np.zeros(len(factors))
+    bounds = np.clip(runs, start, end)
+    # how many points of its run lie ahead of each point, itself included; 0 in a gap
+    ahead = np.zeros(end - start, np.int64)
+    inner = ahead[: bounds[-1, 1] - start]
+    ends = np.stack([np.zeros(len(runs), np.int64), runs[:, 1]], axis=1)
+    inner[:] = np.repeat(ends.ravel(), np.diff(bounds.ravel(), prepend=start))
+    inner -= np.arange(start, start + inner.size)
+    longest = int(ahead.max())
+    for index, factor in enumerate(factors):
+        reach = order * factor
+        stop = min(end, phase.size - reach)
+        if longest <= reach or stop <= start:
+            break
+        block = difference(phase, factor, start, stop, work)
+        np.copyto(block, 0.0, where=ahead[: stop - start] <= reach)
+        sums[index] = square_sum(block)
+    return sums
 
 
 def _second(phase: Floats, m: int, start: int, stop: int, work: Floats) -> Floats:

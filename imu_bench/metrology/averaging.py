@@ -109,7 +109,7 @@ def averaging_factors(
     return np.asarray(factors[factors <= top], np.int64)
 
 
-def decimation(m: Integers, n: int) -> Integers:
+def decimation(m: Integers, n: int | Integers) -> Integers:
     """
     Return the stride between starting points that costs next to nothing, for each factor.
 

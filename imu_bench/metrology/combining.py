@@ -102,6 +102,14 @@ def sample_statistics(
     """
     Return mean and standard deviation (n - 1) of a few independent numbers.
 
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+    unit : str
+        That of the values.
+    confidence : float
+        Level of the intervals: Student's t for the mean, chi-squared for the deviation.
+
     Raises
     ------
     DataError

@@ -151,9 +151,11 @@ def edf_of_runs(kind: str, alpha: npt.ArrayLike, m: Integers, lengths: Integers)
     if lengths.size == 1:
         return edf(kind, exponents, m, lengths)
     result = np.empty(m.size)
+    ordered = np.sort(lengths)
+    every = np.unique(ordered)
     for index, (exponent, factor) in enumerate(zip(exponents.tolist(), m.tolist(), strict=True)):
-        long_enough = lengths[[differences.terms(factor, n + 1) > 0 for n in lengths.tolist()]]
-        groups, counts = _grouped(long_enough)
+        least = next(n for n in every.tolist() if differences.terms(factor, n + 1) > 0)
+        groups, counts = _grouped(ordered[np.searchsorted(ordered, least) :])
         terms = np.array([differences.terms(factor, n + 1) for n in groups.tolist()], np.float64)
         each = edf(kind, exponent, factor, groups)
         result[index] = (counts @ terms) ** 2 / (counts @ (terms**2 / each))
@@ -268,10 +270,10 @@ def _short(alpha: int, m: int) -> float:
 
 
 def _grouped(lengths: Integers) -> tuple[Integers, Floats]:
-    """Return run lengths and how many runs have each; many lengths go into few groups."""
+    """Return ascending run lengths and how many runs have each; many go into few groups."""
     values, counts = np.unique(lengths, return_counts=True)
     if values.size > _RUN_LENGTHS:
-        parts = np.array_split(np.sort(lengths), _RUN_LENGTHS)
+        parts = np.array_split(lengths, _RUN_LENGTHS)
         values = np.array([part.mean() for part in parts]).astype(np.int64)
         counts = np.array([part.size for part in parts])
     return values.astype(np.int64), counts.astype(np.float64)

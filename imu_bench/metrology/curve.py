@@ -59,6 +59,8 @@ class DeviationCurve:
         Level of `low` and `high`.
     omitted : tuple of (float, str)
         Averaging times asked for that the data cannot give, each with the reason.
+    min_share : float
+        Least share of its samples that an average had to have: 1 if only complete ones count.
     """
 
     kind: str
@@ -76,6 +78,7 @@ class DeviationCurve:
     alpha: Integers
     confidence: float = CONFIDENCE
     omitted: tuple[tuple[float, str], ...] = ()
+    min_share: float = 1.0
 
     def __len__(self) -> int:
         return int(self.m.size)

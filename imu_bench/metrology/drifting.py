@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Straight regression when the noise wanders: white noise plus a random walk.
+Linear regression when the noise wanders: white noise, flicker noise and a random walk together.
 
 A bias that drifts makes neighbouring residuals alike; ordinary least squares would then promise
-intervals that are far too narrow.  Here the share of the walk is estimated with the coefficients
-(restricted maximum likelihood, D. A. Harville 1977, "Maximum likelihood approaches to variance
-component estimation and to related problems", JASA 72(358):320), and the coefficients are
-those of generalised least squares (A. C. Aitken 1935, Proc. R. Soc. Edinburgh 55:42).
+intervals that are far too narrow.  For given shares of the three noises the coefficients are
+those of generalised least squares (A. C. Aitken 1935, Proc. R. Soc. Edinburgh 55:42).  How much
+there is of each is not known; every mixture counts as much as the data make it likely
+(restricted likelihood, D. A. Harville 1977, "Maximum likelihood approaches to variance component
+estimation and to related problems", JASA 72(358):320), so that not knowing it is in the interval.
+
+Averages over equal stretches are taken into the cosine transform (DCT-II).  There white noise
+and a random walk are independent from line to line, and flicker noise nearly so: no matrix of
+the size of the recording is ever solved.
 """
 
 from __future__ import annotations
@@ -19,47 +24,58 @@ from imu_bench.metrology.combining import symmetric
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, optimize
+from scipy import fft, optimize, special
 
 Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
-MOST = 600
-"""Points beyond which the matrices get too large; callers average before."""
+METHOD = 'generalised least squares'
 
-_SHARES = (-18.0, 12.0)
-"""Range of ln(variance of the walk's step / variance of the white noise)."""
+_NOTHING = -5.0
+"""ln of the share, at the lowest frequency, at which a noise is lost in the white noise."""
+
+_ALL = math.log(30.0)
+"""ln of the share at the highest frequency at which white noise is lost in another."""
+
+_STEP = 1.0
+"""Step of ln share; the likelihood is smooth on the scale of a factor of ten."""
+
+_UNLIKELY = 1e-5
+"""Mixtures less likely than this are left out."""
 
 
 @dataclass(frozen=True, eq=False)
 class Regression:
     """
-    Coefficients of a linear model under white noise plus random walk.
+    Coefficients of a linear model under noise that wanders, for every likely mixture of it.
 
     Attributes
     ----------
-    coefficients : ndarray, shape (p,)
-    covariance : ndarray, shape (p, p)
-    residuals : ndarray, shape (n,)
-    noise : ndarray, shape (n, n)
-        Covariance of the noise.
+    weights : ndarray, shape (m,)
+        Probabilities of the mixtures.
+    coefficients : ndarray, shape (m, p)
+        Of the columns after the constant.
+    covariance : ndarray, shape (m, p, p)
+    noise : ndarray, shape (m, k)
+        Variance of the lines of the cosine transform.
     freedom : float
-        n - p.
     """
 
+    weights: Floats
     coefficients: Floats
     covariance: Floats
-    residuals: Floats
     noise: Floats
     freedom: float
-    design: Floats
+    _design: Floats
+    _data: Floats
+    _index: Integers
 
     def coefficient(self, index: int, unit: str, confidence: float = CONFIDENCE) -> Estimate:
-        """Return one coefficient."""
-        error = math.sqrt(float(self.covariance[index, index]))
-        return symmetric(
-            float(self.coefficients[index]), error, unit, confidence,
-            freedom=self.freedom, method='generalised least squares',
-        )  # fmt: skip
+        """Return the coefficient of one column, the constant being column 0."""
+        if index == 0:
+            return self._level(unit, confidence)
+        values = self.coefficients[:, index - 1]
+        return self._estimate(values, self.covariance[:, index - 1, index - 1], unit, confidence)
 
     def contrast(
         self, weights: Floats, first: int, unit: str, confidence: float = CONFIDENCE
@@ -70,112 +86,188 @@ class Regression:
         Parameters
         ----------
         weights : ndarray, shape (n,)
+            Their sum must be 0.
         first : int
-            Number of coefficients whose part is taken off.
+            Number of coefficients, constant included, whose part is taken off.
         unit : str
         confidence : float
         """
-        rest = self.residuals + self.design[:, first:] @ self.coefficients[first:]
-        through = weights @ self.design[:, :first]
-        # noise of the data and of the coefficients, as if they had nothing to do with each other
-        variance = weights @ self.noise @ weights
-        variance += through @ self.covariance[:first, :first] @ through
-        value = float(weights @ rest)
-        return symmetric(value, math.sqrt(float(variance)), unit, confidence, freedom=self.freedom)
+        along = weights @ self._design
+        taken = np.where(np.arange(along.size) < first - 1, along, 0.0)
+        values = weights @ self._data - self.coefficients @ taken
+        # the same noise is in the sum and in the coefficients
+        variance = self.noise @ _lines(self._index, weights) ** 2
+        variance += (self.covariance @ taken) @ (taken - 2.0 * along)
+        return self._estimate(values, np.maximum(variance, 0.0), unit, confidence)
+
+    def _level(self, unit: str, confidence: float) -> Estimate:
+        """Return the constant: the mean of this record where the other columns are 0."""
+        middle = self._design.mean(axis=0)
+        values = self._data.mean() - self.coefficients @ middle
+        variance = (self.covariance @ middle) @ middle + self.noise[:, -1] / self._data.size
+        return self._estimate(values, variance, unit, confidence)
+
+    def _estimate(
+        self, values: Floats, variances: Floats, unit: str, confidence: float
+    ) -> Estimate:
+        mean = float(self.weights @ values)
+        errors = np.sqrt(variances)
+        spread = math.sqrt(float(self.weights @ (variances + (values - mean) ** 2)))
+        tail = (1.0 - confidence) / 2.0
+        low, high = (self._quantile(values, errors, part) for part in (tail, 1.0 - tail))
+        if low is None or high is None:  # no noise at all
+            return symmetric(mean, spread, unit, confidence, freedom=self.freedom, method=METHOD)
+        return Estimate(mean, min(low, mean), max(high, mean), unit, confidence, method=METHOD)
+
+    def _quantile(self, values: Floats, errors: Floats, part: float) -> float | None:
+        """Return where Student's distributions of all mixtures together reach a probability."""
+        ends = values + errors * float(special.stdtrit(self.freedom, part))
+        low, high = float(ends.min()), float(ends.max())
+        if errors.min() <= 0.0:
+            return None
+
+        def beyond(at: float) -> float:
+            reached = special.stdtr(self.freedom, (at - values) / errors)
+            return float(self.weights @ reached) - part
+
+        # all mixtures agree, or nearly: rounding decides about the signs
+        if high - low <= 1e-9 * float(errors.max()) or beyond(low) * beyond(high) >= 0.0:
+            return 0.5 * (low + high)
+        return float(optimize.brentq(beyond, low, high, xtol=1e-4 * float(errors.min())))
 
 
-def regress(times: npt.ArrayLike, design: npt.ArrayLike, data: npt.ArrayLike) -> Regression:
+def regress(index: npt.ArrayLike, design: npt.ArrayLike, data: npt.ArrayLike) -> Regression:
     """
     Return the regression of a drifting signal.
 
     Parameters
     ----------
-    times : array_like, shape (n,)
-        s, rising; averages of equally long stretches.
+    index : array_like of int, shape (n,)
+        Which stretch of equal length each value is the average of, rising; some may be missing.
     design : array_like, shape (n, p)
-        Must hold a constant among its columns: the walk begins anywhere.
+        The first column must be the constant: the drift begins anywhere.
     data : array_like, shape (n,)
 
     Raises
     ------
     DataError
-        If there are fewer points than coefficients need, or more than `MOST`, or the columns
-        of the design depend on one another.
+        If there are fewer points than coefficients need, the first column is not constant, or
+        columns of the design depend on one another.
 
     Examples
     --------
     >>> rng = np.random.default_rng(5)
-    >>> t, x = np.arange(200.0), np.sin(np.arange(200.0) / 30.0)
+    >>> t, x = np.arange(200), np.sin(np.arange(200) / 30.0)
     >>> y = 2.0 * x + 0.05 * np.cumsum(rng.normal(size=200)) + 0.1 * rng.normal(size=200)
     >>> found = regress(t, np.column_stack([np.ones(200), x]), y).coefficient(1, '1')
     >>> found.low < 2.0 < found.high
     True
     """
-    when, columns = np.asarray(times, np.float64), np.asarray(design, np.float64)
+    places, columns = np.asarray(index, np.int64), np.asarray(design, np.float64)
     values = np.asarray(data, np.float64)
     count, width = columns.shape
     if count < width + 3:
         raise DataError(f'{count} points are too few for {width} coefficients and the noise')
-    if count > MOST:
-        raise DataError(f'{count} points are more than {MOST}: average before')
+    if np.ptp(columns[:, 0]) > 0.0:
+        raise DataError('the first column of the design is not constant')
     sizes = np.linalg.norm(columns, axis=0)
     if np.linalg.matrix_rank(columns / np.where(sizes > 0.0, sizes, 1.0)) < width:
         raise DataError('the columns of the design depend on one another')
-    # the walk in steps of the mean spacing
-    walk = np.minimum.outer(when - when[0], when - when[0])
-    walk = walk / ((when[-1] - when[0]) / (count - 1))
-    problem = _Problem(columns, values, walk)
-    best = problem.most_likely()
-    return problem.solved(best)
+    # what least squares explain is taken off and added again: the rest keeps its digits
+    explained = np.linalg.lstsq(columns / sizes, values - values[0], rcond=None)[0] / sizes
+    rest = values - values[0] - columns @ explained
+    lines = _lines(places, columns[:, 1:])
+    scale = np.sqrt(np.mean(lines**2, axis=0))
+    found = _Mixtures(lines / scale, _lines(places, rest), _missing(places))
+    return Regression(
+        found.weights,
+        explained[1:] + found.coefficients / scale,
+        found.covariance / np.outer(scale, scale),
+        found.noise,
+        found.freedom,
+        columns[:, 1:],
+        values,
+        places,
+    )
 
 
-class _Problem:
-    """Restricted likelihood of the share of the walk."""
+class _Mixtures:
+    """Coefficients and probability of every mixture of the three noises."""
 
-    def __init__(self, design: Floats, data: Floats, walk: Floats) -> None:
-        self._design, self._data, self._walk = design, data, walk
-        self._eye = np.eye(data.size)
-
-    def most_likely(self) -> float:
-        grid = np.linspace(*_SHARES, 16)
-        scores = [self._deviance(share) for share in grid]
-        best = int(np.argmin(scores))
-        low, high = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
-        found = optimize.minimize_scalar(
-            self._deviance, bounds=(low, high), method='bounded', options={'xatol': 0.02}
+    def __init__(self, design: Floats, data: Floats, missing: Floats) -> None:
+        width, (count, gone) = design.shape[1], missing.shape
+        # a value that is missing may be anything: a coefficient of its own
+        columns = np.column_stack([design, missing, data])
+        size = width + gone
+        self.freedom = float(count - size)
+        shapes = _shapes(count + 1)
+        grams = _grams(columns, 1.0 / shapes)
+        normal, toward = grams[:, :size, :size], grams[:, :size, size]
+        inverse = np.linalg.inv(normal)
+        solved = np.einsum('mij,mj->mi', inverse, toward)
+        squares = grams[:, size, size] - np.einsum('mi,mi->m', toward, solved)
+        squares = np.maximum(squares, 1e-300)
+        deviance = self.freedom * np.log(squares) + np.log(shapes).sum(axis=1)
+        deviance += np.linalg.slogdet(normal)[1]
+        likely = np.exp(-0.5 * (deviance - deviance.min()))
+        kept = likely > _UNLIKELY
+        self.weights = np.asarray(likely[kept] / likely[kept].sum(), np.float64)
+        level = squares[kept] / self.freedom
+        self.coefficients = np.asarray(solved[kept, :width], np.float64)
+        self.covariance = np.asarray(
+            inverse[kept, :width, :width] * level[:, None, None], np.float64
         )
-        return float(found.x)
+        self.noise = np.asarray(shapes[kept] * level[:, None], np.float64)
 
-    def solved(self, share: float) -> Regression:
-        shape, root, coefficients, residuals, gram = self._fit(share)
-        freedom = self._data.size - self._design.shape[1]
-        white = linalg.solve_triangular(root, residuals, lower=True)
-        # data without noise have none; keep the matrices regular
-        scale = float(white @ white) / freedom
-        return Regression(
-            coefficients, scale * linalg.inv(gram), residuals, scale * shape, freedom,
-            self._design,
-        )  # fmt: skip
 
-    def _shape(self, share: float) -> Floats:
-        ratio = math.exp(share)
-        # scaled so that neither part overflows
-        return np.asarray((self._eye + ratio * self._walk) / (1.0 + ratio), np.float64)
+def _grams(columns: Floats, weights: Floats) -> Floats:
+    """Return the products of columns, shape (m, q, q), for every row of weights, (m, k)."""
+    rows, across = np.triu_indices(columns.shape[1])
+    # not by BLAS, whose threads cost more than such a product when the machine is busy
+    halves = np.einsum('mk,kq->mq', weights, columns[:, rows] * columns[:, across])
+    full = np.empty((weights.shape[0], columns.shape[1], columns.shape[1]))
+    full[:, rows, across] = halves
+    full[:, across, rows] = halves
+    return full
 
-    def _fit(self, share: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        shape = self._shape(share)
-        root = np.asarray(linalg.cholesky(shape, lower=True), np.float64)
-        columns = linalg.solve_triangular(root, self._design, lower=True)
-        values = linalg.solve_triangular(root, self._data, lower=True)
-        gram = columns.T @ columns
-        coefficients = np.linalg.solve(gram, columns.T @ values)
-        return shape, root, coefficients, self._data - self._design @ coefficients, gram
 
-    def _deviance(self, share: float) -> float:
-        _, root, _, residuals, gram = self._fit(share)
-        white = linalg.solve_triangular(root, residuals, lower=True)
-        freedom = self._data.size - self._design.shape[1]
-        square = max(float(white @ white), 1e-300)
-        halves = 2.0 * float(np.sum(np.log(np.diag(root))))
-        determinant = float(np.linalg.slogdet(gram)[1])
-        return float(freedom * math.log(square) + halves + determinant)
+def _shapes(count: int) -> Floats:
+    """
+    Return the spectra of all mixtures, shape (m, count - 1), at the lines but the first.
+
+    A density ∝ f^-p, averaged over each stretch and read once per stretch, is at angular
+    frequency ω per stretch proportional to (2 - 2 cos ω) Σ |ω + 2πi|^-(p + 2) over all integers
+    i: the sinc² of the average, and what it lets alias.
+    """
+    turns = np.arange(1, count) / (2.0 * count)
+    step = 2.0 - 2.0 * np.cos(2.0 * np.pi * turns)
+    parts = np.array(
+        [
+            step * (special.zeta(power, turns) + special.zeta(power, 1.0 - turns))
+            for power in (2.0, 3.0, 4.0)
+        ]
+    )
+    parts /= parts[:, :1]
+    flicker = np.arange(_NOTHING, _ALL + math.log(count), _STEP)
+    walk = np.arange(_NOTHING, _ALL + 2.0 * math.log(count), _STEP)
+    shares = np.exp([[0.0, a, b] for a in flicker for b in walk])
+    shares /= shares.sum(axis=1, keepdims=True)
+    return np.asarray(np.einsum('mi,ik->mk', shares, parts), np.float64)
+
+
+def _whole(index: Integers, values: Floats) -> Floats:
+    span = int(index[-1] - index[0]) + 1
+    whole = np.zeros((span, *values.shape[1:]))
+    whole[index - index[0]] = values
+    return whole
+
+
+def _lines(index: Integers, values: Floats) -> Floats:
+    """Return the cosine transform but for its first line, which a constant fills alone."""
+    return np.asarray(fft.dct(_whole(index, values), axis=0, norm='ortho')[1:], np.float64)
+
+
+def _missing(index: Integers) -> Floats:
+    """Return the transforms of unit values where values are missing, shape (k, gone)."""
+    there = _whole(index, np.ones(index.size)) > 0.0
+    return np.asarray(fft.dct(np.eye(there.size)[:, ~there], axis=0, norm='ortho')[1:], np.float64)

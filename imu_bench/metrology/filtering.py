@@ -71,7 +71,7 @@ def zero_phase(
     -----
     Two passes would be 6 dB down at the cut-off of one, which is therefore moved by
     (√2 − 1)^(1/2n) for order n (D. A. Winter 2009, Biomechanics and Motor Control of Human
-    Movement, 4th ed., section 3.4.4), here in the warped frequency, so that it is exact.
+    Movement, 4th ed., page 69), here in the warped frequency, so that it is exact.
 
     Examples
     --------

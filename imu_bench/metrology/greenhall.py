@@ -58,7 +58,22 @@ def inverse_edf(
     """
     Return 1/edf of a variance estimated from `terms` differences (section 5).
 
-    `sampled` chooses sampled noise at short averages; without it the paper is followed.
+    Parameters
+    ----------
+    alpha : int
+        Power law of the noise, -4 to 2.
+    d : int
+        Order of the phase difference: 2 of Allan, 3 of Hadamard variances.
+    m : int
+        Averaging factor.
+    terms : int
+        Number of differences.
+    stride : int
+        Differences per averaging time.
+    modified : bool
+        Whether the phase is averaged (modified variances).
+    sampled : bool
+        Whether noise at short averages is that of samples; without it the paper is followed.
 
     Examples
     --------

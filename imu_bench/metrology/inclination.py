@@ -98,6 +98,15 @@ def error_statistics(
     """
     Return mean, standard deviation and 3σ of the errors of a series of angles.
 
+    Parameters
+    ----------
+    errors : array_like, shape (n,)
+        Measured minus set angle.
+    unit : str
+        That of the errors.
+    confidence : float
+        Level of the intervals.
+
     Raises
     ------
     DataError

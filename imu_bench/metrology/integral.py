@@ -40,6 +40,14 @@ def cumulate(
     The mean goes first because a long sum of, say, gravity would cost digits.  Missing
     samples count as the mean, whatever value they hold.
 
+    Parameters
+    ----------
+    rate : ndarray, shape (n,)
+    valid : ndarray of bool, shape (n,), optional
+        False where a sample is missing.
+    run : callable
+        Does the blocks, in turn or in threads.
+
     Raises
     ------
     DataError
@@ -109,7 +117,14 @@ class _Summation:
 
 
 def refuse_unfinite(values: npt.NDArray[np.generic], valid: Mask | None) -> None:
-    """Raise DataError if a value that is not declared missing is NaN or infinite."""
+    """
+    Refuse values that are NaN or infinite without being declared missing.
+
+    Raises
+    ------
+    DataError
+        With their number and the index of the first.
+    """
     bad = ~np.isfinite(values)
     if valid is not None:
         bad &= valid

@@ -273,6 +273,16 @@ def moving_average(
     """
     Return the centred moving average; at the ends, and at gaps, over what there is.
 
+    Parameters
+    ----------
+    data : array_like, shape (n,)
+    rate_hz : float
+        Samples per second.
+    window_s : float
+        Length of the window in s.
+    valid : array_like of bool, shape (n,), optional
+        False where a sample is missing.
+
     Examples
     --------
     >>> moving_average([0.0, 3.0, 6.0, 9.0], 1.0, 3.0).tolist()

@@ -6,7 +6,7 @@ Sensor noise is rarely white, so sigma/sqrt(n) would promise far too much.  The
 samples are cut into up to 64 successive blocks; how far the block means (for
 the standard deviation: the block variances) scatter says how well the whole is
 known.  As long as neighbouring blocks are still correlated they are joined in
-pairs, down to 8; correlation left at 8 blocks widens the interval.
+pairs, down to 8; what correlation may be left then widens the interval.
 """
 
 from __future__ import annotations
@@ -24,6 +24,13 @@ Floats = npt.NDArray[np.float64]
 BLOCKS = 64
 FEWEST_BLOCKS = 8
 FEWEST_PER_BLOCK = 4
+
+FEWEST_FREEDOM = FEWEST_BLOCKS / 2
+"""
+Degrees of freedom of a variance that the scatter of blocks cannot go below.  Fewer make the upper
+end of an interval many times the value and cover no more: for a correlation time of a fifth of
+the record 87.5 % instead of 88 % (simulated, 95 % asked).
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,15 +118,22 @@ class Moments:
         half = error * float(special.stdtrit(freedom, 0.5 + confidence / 2))
         return Estimate(value, value - half, value + half, unit, confidence, method='block means')
 
-    def freedom(self, axis: int) -> float:
-        """Return the equivalent degrees of freedom of the variance of one axis."""
+    def freedom(self, axis: int, confidence: float = CONFIDENCE) -> float:
+        """
+        Return the equivalent degrees of freedom of the variance of one axis.
+
+        The scatter of a few blocks is itself a guess: Student's factor at this confidence takes
+        degrees of freedom off.
+        """
         most = float(max(self.samples - 1, 1))
         if self.count.size < FEWEST_BLOCKS:
             return most
-        error, _ = error_of_mean(self.square[axis])
+        error, freedom = error_of_mean(self.square[axis])
         if error == 0.0:
             return most
-        return min(max(2.0 * (float(self.variance[axis]) / error) ** 2, 1.0), most)
+        tail = 0.5 + confidence / 2.0
+        error *= float(special.stdtrit(freedom, tail) / special.ndtri(tail))
+        return min(max(2.0 * (float(self.variance[axis]) / error) ** 2, FEWEST_FREEDOM), most)
 
     def std_estimate(self, axis: int, unit: str, confidence: float = CONFIDENCE) -> Estimate:
         """
@@ -127,16 +141,19 @@ class Moments:
 
         Chi-squared interval with the equivalent degrees of freedom that the
         scatter of the block variances shows: right for correlated and for
-        heavy-tailed noise, not for noise that grows without limit.
+        heavy-tailed noise, not for noise that grows without limit.  The
+        deviation is about the mean of the record, which followed the slow
+        part; the variance of that mean is added at the upper end.
         """
         if self.samples < 2:
             reason = 'a single sample has no standard deviation'
             return Estimate.not_observable(unit, reason, confidence=confidence)
         value = math.sqrt(float(self.variance[axis]))
-        half = self.freedom(axis) / 2.0
-        tail = (1.0 - confidence) / 2.0
-        low = value * math.sqrt(half / float(special.gammainccinv(half, tail)))
-        high = value * math.sqrt(half / float(special.gammaincinv(half, tail)))
+        low, high = _chi_squared(self.freedom(axis, confidence), confidence)
+        followed = 0.0
+        if self.count.size >= FEWEST_BLOCKS:
+            followed = error_of_mean(self.mean[axis])[0]
+        low, high = low * value, high * math.hypot(value, followed)
         return Estimate(value, low, high, unit, confidence, method='block variances')
 
     def rms_estimate(self, axis: int, unit: str, confidence: float = CONFIDENCE) -> Estimate:
@@ -157,8 +174,23 @@ class Moments:
         blocks = self.square[axis] + middle * (2.0 * self.mean[axis] - middle)
         error, freedom = error_of_mean(blocks)
         half = error * float(special.stdtrit(freedom, 0.5 + confidence / 2))
-        low, high = math.sqrt(max(square - half, 0.0)), math.sqrt(square + half)
-        return Estimate(value, low, high, unit, confidence, method='block mean squares')
+        if half == 0.0:
+            return Estimate(value, value, value, unit, confidence, method='block mean squares')
+        z = float(special.ndtri(0.5 + confidence / 2))
+        freedom = max(2.0 * (z * square / half) ** 2, FEWEST_FREEDOM)
+        low, high = _chi_squared(freedom, confidence)
+        return Estimate(
+            value, value * low, value * high, unit, confidence, method='block mean squares'
+        )
+
+
+def _chi_squared(freedom: float, confidence: float) -> tuple[float, float]:
+    """Return the ends of the interval of a deviation over its value."""
+    # far beyond any record; the ends differ by the last digits, and the quantiles are still exact
+    degrees = min(freedom, 1e16) / 2.0
+    tail = (1.0 - confidence) / 2.0
+    low = math.sqrt(degrees / float(special.gammainccinv(degrees, tail)))
+    return low, math.sqrt(degrees / float(special.gammaincinv(degrees, tail)))
 
 
 def _root_sum_square(value: float, mean: Estimate, noise: Estimate) -> Estimate:
@@ -180,8 +212,13 @@ def error_of_mean(blocks: Floats) -> tuple[float, float]:
     Blocks are joined in pairs while their lag-1 correlation exceeds the one-sided 5 %
     point of independent ones, 1.645/sqrt(K) (G. S. Fishman 1978, "Grouping observations in
     digital simulation", Management Science 24(5):510, with the lag-1 form of his test).
-    What is left at the fewest blocks inflates the variance by (1 + r) / (1 - r), as for
-    a first-order autoregressive sequence.
+
+    Correlation below that point is not absent.  What is left is taken for that of a
+    first-order autoregressive sequence, whose mean has (1 + r)/(1 - r) =: I times the variance
+    of independent values while their scatter about it comes out (K - I)/(K - 1) times too
+    small.  Its r is the lag-1 correlation less the bias of its estimate, -(1 + 4r)/K for a mean
+    that is estimated as well (F. H. C. Marriott and J. A. Pope 1954, "Bias in the estimation
+    of autocorrelations", Biometrika 41:390; the tests find the same by simulation).
 
     Examples
     --------
@@ -200,9 +237,10 @@ def error_of_mean(blocks: Floats) -> tuple[float, float]:
         if not correlated or values.size // 2 < FEWEST_BLOCKS:
             break
         values = values[: values.size // 2 * 2].reshape(-1, 2).mean(axis=1)
-    inflation = 1.0
-    if correlated:
-        bounded = min(lag1, 0.8)
-        inflation = (1.0 + bounded) / (1.0 - bounded)
-    variance = total / (values.size - 1) / values.size * inflation
+    r = (values.size * lag1 + 1.0) / max(values.size - 4.0, 1.0)
+    # what lasts longer than half the blocks cannot be told from them
+    most = 0.5 * values.size
+    inflation = min((1.0 + r) / (1.0 - r), most) if r < 1.0 else most
+    inflation = max(inflation, 1.0)
+    variance = total / (values.size - inflation) / values.size * inflation
     return math.sqrt(variance), float(values.size - 1)

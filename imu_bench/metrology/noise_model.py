@@ -95,6 +95,11 @@ def gauss_markov_variance(tau: npt.ArrayLike, correlation_time: float) -> Floats
     -------
     ndarray of float64, shape (k,)
 
+    Raises
+    ------
+    DataError
+        If the correlation time is not positive.
+
     Examples
     --------
     >>> float(gauss_markov_variance([189.0], 100.0)[0] ** 0.5 / 100.0**0.5).__round__(3)

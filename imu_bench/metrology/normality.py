@@ -28,8 +28,12 @@ Integers = npt.NDArray[np.int64]
 TOLERANCE = 0.02
 """Distance of the distribution functions up to which noise is called practically normal."""
 
-LILLIEFORS = (0.736, 0.768, 0.805, 0.886, 1.031)
-"""Quantiles of D sqrt(n) at 80, 85, 90, 95 and 99 %."""
+LILLIEFORS = (0.752, 0.788, 0.835, 0.907, 1.058)
+"""
+Quantiles of D sqrt(n) at 80, 85, 90, 95 and 99 % for a normal distribution with fitted mean and
+sigma: 60 000 records of 10 000 samples, found as H. W. Lilliefors 1967, J. Am. Stat. Assoc.
+62:399, found his for up to 30.
+"""
 
 MOST_BINS = 400
 FEWEST_SAMPLES = 20
@@ -303,8 +307,6 @@ def _distance(counts: Floats, grid: Floats, confidence: float) -> Estimate:
         own = np.cumsum(counts, axis=1)[:, :-1] / sizes[:, None]
         levels = np.searchsorted(cumulative, np.linspace(0.1, 0.9, 9))
         error = max(error, *(error_of_mean(own[:, level])[0] for level in levels))
-    # quantile of D for a normal with fitted mean and sigma: H. W. Lilliefors 1967, J. Am.
-    # Stat. Assoc. 62:399, for large n
     quantile = float(np.interp(confidence, (0.80, 0.85, 0.90, 0.95, 0.99), LILLIEFORS))
     reach = quantile * 2.0 * error
     return Estimate(value, max(value - reach, 0.0), min(value + reach, 1.0), '1', confidence)

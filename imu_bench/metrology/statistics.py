@@ -270,6 +270,13 @@ def variance_ratio(
     The interval is that of the F distribution with the equivalent degrees of
     freedom of both; it assumes that the two records are independent.
 
+    Parameters
+    ----------
+    numerator, denominator : Statistics
+        Of one axis each, in the same unit.
+    confidence : float
+        Level of the interval.
+
     Raises
     ------
     DataError

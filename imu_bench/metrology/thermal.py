@@ -26,6 +26,12 @@ Mask = npt.NDArray[np.bool_]
 POINTS = 400
 """Averages into which a recording is divided; fewer where it is short."""
 
+LEAST_POINTS = 20
+"""Averages below which there is nothing to tell noise from temperature with."""
+
+MOST_EMPTY = 40
+"""Empty averages; each costs a coefficient."""
+
 SHORTEST_S = 1.0
 """Length of one average."""
 
@@ -48,10 +54,13 @@ class Averages:
 
     Attributes
     ----------
+    index : ndarray of int, shape (k,)
+        Which of the stretches into which the recording is divided; empty ones are left out.
     time, temperature, bias : ndarray, shape (k,)
         s since the first sample, °C, and the signal in its unit.
     """
 
+    index: npt.NDArray[np.int64]
     time: Floats
     temperature: Floats
     bias: Floats
@@ -127,6 +136,8 @@ def averages(stamps_s: npt.ArrayLike, data: Floats, temperature: Floats) -> Aver
     """
     Return a recording in at most `POINTS` averages of equal length; empty ones are left out.
 
+    Where more than `MOST_EMPTY` would be left out, the averages are longer.
+
     Parameters
     ----------
     stamps_s : array_like, shape (n,)
@@ -136,7 +147,7 @@ def averages(stamps_s: npt.ArrayLike, data: Floats, temperature: Floats) -> Aver
     Raises
     ------
     DataError
-        If it is shorter than twenty averages.
+        If it is shorter than `LEAST_POINTS` averages, or most of it is missing.
 
     Examples
     --------
@@ -146,21 +157,33 @@ def averages(stamps_s: npt.ArrayLike, data: Floats, temperature: Floats) -> Aver
     (99, 20.45)
     """
     when = np.asarray(stamps_s, np.float64)
-    length = max(SHORTEST_S, (when[-1] - when[0]) / POINTS)
-    count = int((when[-1] - when[0]) // length) if when.size else 0
-    if count < 20:
-        raise DataError(f'{when[-1] - when[0]:.3g} s are too short: 20 averages of 1 s at least')
-    place = ((when - when[0]) / length).astype(np.int64)
-    inside = place < count
-    held = np.bincount(place[inside], minlength=count)
-    full = held > 0.5 * held.max()
+    since = when - when[:1]
+    span = float(since[-1]) if when.size else 0.0
+    length = max(SHORTEST_S, span / POINTS)
+    while True:
+        count = int(span // length)
+        place = (since / length).astype(np.int64)
+        inside = place < count
+        held = np.bincount(place[inside], minlength=count)
+        full = held > 0.5 * held.max(initial=0)
+        if np.count_nonzero(full) < LEAST_POINTS:
+            raise DataError(_too_few(span))
+        if np.count_nonzero(~full) <= MOST_EMPTY:
+            break
+        length *= 2.0
 
     def mean(values: Floats) -> Floats:
         # around the first value: gravity must not cost digits
         sums = np.bincount(place[inside], values[inside] - values[0], minlength=count)
         return np.asarray(values[0] + sums[full] / held[full], np.float64)
 
-    return Averages(mean(when - when[0]), mean(temperature), mean(data))
+    return Averages(np.flatnonzero(full), mean(since), mean(temperature), mean(data))
+
+
+def _too_few(span: float) -> str:
+    if span >= LEAST_POINTS * SHORTEST_S:
+        return 'most of the recording is missing: record it again without gaps'
+    return f'{span:.3g} s are too short: {LEAST_POINTS} averages of {SHORTEST_S:g} s at least'
 
 
 def phases(time: Floats, temperature: Floats) -> Phases:
@@ -216,9 +239,10 @@ def analyse(
     Return what temperature does to one axis.
 
     The model is bias = b + c (T - T_m) + h (1 - u²) when cooling, u from -1 to 1 over the
-    temperatures, plus white noise and a random walk (`imu_bench.metrology.drifting`): what comes
-    back at the same temperature is temperature, what does not is drift.  On an axis along
-    gravity a change of the scale factor looks the same as one of the bias.
+    temperatures, plus white noise, flicker noise and a random walk
+    (`imu_bench.metrology.drifting`): what comes back at the same temperature is temperature,
+    what does not is drift.  On an axis along gravity a change of the scale factor looks the same
+    as one of the bias.
 
     Parameters
     ----------
@@ -255,8 +279,8 @@ def analyse(
     if found.cooled:
         # a loop that closes at both ends of the temperatures, when it cools
         columns.append((1.0 - (off / reach) ** 2) * (held.time > found.cooling))
-    model = regress(held.time, np.column_stack(columns), held.bias)
-    bent = regress(held.time, np.column_stack([*columns, off**2]), held.bias)
+    model = regress(held.index, np.column_stack(columns), held.bias)
+    bent = regress(held.index, np.column_stack([*columns, off**2]), held.bias)
     if found.cooled:
         loop = model.coefficient(_LOOP, unit, confidence)
     else:

@@ -53,6 +53,15 @@ def levels(data: npt.ArrayLike, unit: str, confidence: float = CONFIDENCE) -> Le
 
     Shabulinzenze 2020, Tampere University MSc thesis, section 4.4.2 and figure 4.6.
 
+    Parameters
+    ----------
+    data : array_like, shape (n,)
+        Of one axis; what is not finite is left out.
+    unit : str
+        That of the data.
+    confidence : float
+        Level of the intervals.
+
     Raises
     ------
     DataError

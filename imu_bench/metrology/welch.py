@@ -266,8 +266,8 @@ def _segment_edf(segments: float, length: int, step: int) -> float:
     """
     Return the degrees of freedom of an average of overlapping segments.
 
-    D. B. Percival and A. T. Walden 1993, Spectral Analysis for Physical
-    Applications, equation (292b).
+    P. D. Welch 1967, IEEE Trans. Audio Electroacoust. AU-15(2):70, the case of overlapping
+    segments: their densities correlate by the squared autocorrelation of the window.
     """
     correlated = _overlap_correlation(length, step)
     excess = sum(max(0.0, 1.0 - (m + 1) / segments) * r for m, r in enumerate(correlated))

@@ -134,6 +134,15 @@ def runs(zones: list[Zone], length_s: float, shortest_s: float) -> list[Run]:
     A quiet part between two tests belongs half to the one, half to the other; one shorter
     than `shortest_s` is none.
 
+    Parameters
+    ----------
+    zones : list of Zone
+        The shaken parts, in the order of time.
+    length_s : float
+        Length of the recording in s.
+    shortest_s : float
+        Length in s from which on a quiet part counts.
+
     Examples
     --------
     >>> runs([Zone(20.0, 50.0)], 70.0, 5.0)[0].after

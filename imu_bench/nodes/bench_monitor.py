@@ -12,13 +12,25 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped
+from imu_bench.errors import NotReady
 from imu_bench.samples import IMU_QUANTITIES
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.utilities import try_shutdown
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 RATE_TOLERANCE = 0.01
 """Share of its rate that a sensor may miss and still be said to keep it."""
+
+BEGIN = 'simulation.begin'
+"""Parameter of a sensor's node: Unix time at which the scenario begins, s."""
+
+STRETCH_S = 1.0
+
+ANSWER_S = 10.0
+"""So long a node may take to answer; it does nothing else that takes long."""
 
 
 @dataclass
@@ -79,7 +91,9 @@ class BenchMonitor:
         self.sensors = {name: SensorView(name) for name in sensors}
 
     def __enter__(self) -> BenchMonitor:
-        rclpy.init()
+        # Ctrl-C is for the main thread alone: rclpy's handler would take the context down under
+        # the executor, and whoever calls shutdown at that moment gets an error for it
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node: Any = rclpy.create_node('bench_monitor')  # rclpy of Jazzy has few type hints
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnostics, 10)
         for name in self.sensors:
@@ -90,6 +104,8 @@ class BenchMonitor:
                 )
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
+        make_future: Any = Future
+        self._over = make_future()
         self._thread = threading.Thread(target=self._spin, name='bench monitor', daemon=True)
         self._thread.start()
         return self
@@ -100,16 +116,53 @@ class BenchMonitor:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        # the thread ends by itself, and only then what it spins on is taken away
+        self._over.set_result(None)
+        self._executor.wake()
+        self._thread.join()
         self._executor.shutdown()
-        try_shutdown()
-        self._thread.join(5.0)
         self._node.destroy_node()
+        rclpy.shutdown()
 
     def _spin(self) -> None:
-        try:
-            self._executor.spin()
-        except ExternalShutdownException:
-            return
+        while not self._over.done():
+            # in stretches: should a wake-up come just before it waits, it is not missed for long
+            self._executor.spin_until_future_complete(self._over, STRETCH_S)
+
+    def begin(self, at_s: float) -> None:
+        """
+        Tell every sensor when the scenario begins that it waits for.
+
+        Parameters
+        ----------
+        at_s : float
+            Unix time, s.
+
+        Raises
+        ------
+        NotReady
+            If a sensor does not answer, or refuses.
+        """
+        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=at_s)
+        request = SetParameters.Request(parameters=[Parameter(name=BEGIN, value=value)])
+        clients = {
+            name: self._node.create_client(
+                SetParameters, f'/bench/{name}/sensor_node/set_parameters'
+            )
+            for name in self.sensors
+        }
+        for name, client in clients.items():
+            if not client.wait_for_service(ANSWER_S):
+                raise NotReady(f'{name}: its parameters cannot be reached after {ANSWER_S:g} s')
+        answers = {name: client.call_async(request) for name, client in clients.items()}
+        for name, answer in answers.items():
+            heard = threading.Event()
+            answer.add_done_callback(lambda _, heard=heard: heard.set())
+            if not heard.wait(ANSWER_S):
+                raise NotReady(f'{name}: did not answer within {ANSWER_S:g} s when to begin')
+            (result,) = answer.result().results
+            if not result.successful:
+                raise NotReady(f'{name}: cannot begin: {result.reason}')
 
     def _diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -54,7 +54,7 @@ def take_given(node: Node) -> dict[str, Any]:
 
 def descriptor(setting: Setting) -> ParameterDescriptor:
     """
-    Return the read-only descriptor of a setting.
+    Return the descriptor of a setting, read-only unless the setting may change.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def descriptor(setting: Setting) -> ParameterDescriptor:
         name=setting.name,
         description=setting.description + unit,
         additional_constraints=setting.constraint,
-        read_only=True,
+        read_only=not setting.changes,
     )
     if setting.kind in _TYPES:
         made.type = _TYPES[setting.kind]

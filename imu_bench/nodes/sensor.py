@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 import re
 import sys
@@ -14,12 +14,14 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from imu_bench import bench
 from imu_bench.acquisition import Acquisition
+from imu_bench.acquisition.priority import ordinary_priority
 from imu_bench.config import (
     sensor_from_parameters,
     SENSOR_SETTINGS,
     SensorConfig,
     SIMULATION_SETTINGS,
 )
+from imu_bench.config.beginning import Beginning
 from imu_bench.errors import BenchError, BusBusy, ConfigError, PermissionDenied
 from imu_bench.nodes import diagnostics, parameters
 from imu_bench.nodes.fault_report import FaultReport
@@ -27,6 +29,7 @@ from imu_bench.nodes.sensor_topics import SensorTopics
 from imu_bench.nodes.spinning import spare_the_collector_again
 from imu_bench.samples import Samples
 from msg_conversions import building
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 PLAIN = 'sensor'
@@ -38,6 +41,8 @@ PASSING = (PermissionDenied, BusBusy)
 """What others have to put right while the node waits: a permission, a chip in use."""
 
 AGAIN_S = 1.0
+
+BEGIN = 'simulation.begin'
 
 
 def executable() -> str:
@@ -116,6 +121,8 @@ class SensorNode(LifecycleNode):
         self._waiting: Any = None
         self._before = diagnostics.Losses()
         self._faults: FaultReport | None = None
+        self._beginning = Beginning(self.config.simulation.get('begin', 0.0))
+        untyped.add_on_set_parameters_callback(self._changed)
         self._said: type = type(None)
         self._data: Any = self.create_guard_condition(self._publish_waiting)
         self._diagnostics = diagnostics.Diagnostics(self, self._statuses)
@@ -144,6 +151,16 @@ class SensorNode(LifecycleNode):
         parameters.declare(self, (*SENSOR_SETTINGS, *SIMULATION_SETTINGS, *own), given)
         return config
 
+    def _changed(self, changed: Sequence[Any]) -> SetParametersResult:
+        """Take over what may change while the node runs: when the scenario begins."""
+        for parameter in changed:
+            if parameter.name == BEGIN:
+                if not self._beginning.at_s:
+                    reason = f'it began when it was switched on; start the node with {BEGIN}'
+                    return SetParametersResult(successful=False, reason=reason)
+                self._beginning.at_s = parameter.value
+        return SetParametersResult(successful=True)
+
     def bring_up(self) -> None:
         """
         Configure and activate.
@@ -170,12 +187,17 @@ class SensorNode(LifecycleNode):
         return self._attempt(self._configure)
 
     def _configure(self) -> None:
+        with ordinary_priority():
+            # now, because it takes a while and nothing is sampled yet
+            bench.import_all(self.config)
+            spare_the_collector_again()
         faults = self._faults = FaultReport(self.config, self.log)
         self.acquisition = bench.build(
             self.config,
             faults.clock,
             on_data=self._data.trigger,
             switched_on_ns=faults.switched_on_ns,
+            beginning=self._beginning,
         )
         try:
             part = self.acquisition.prepare()
@@ -183,8 +205,6 @@ class SensorNode(LifecycleNode):
         except Exception:
             self._release()
             raise
-        # now, because it takes a while and nothing is sampled yet
-        spare_the_collector_again()
         self.log.info(f'{self.config.name}: {part}, {bench.label(self.config)}')
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:

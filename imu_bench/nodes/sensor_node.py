@@ -9,6 +9,14 @@ import sys
 
 from imu_bench.nodes.spinning import run, SIGNALS
 
+SWITCH_S = 0.5e-3
+"""
+How long a thread keeps Python's lock while another waits for it.
+
+The default of 5 ms is the sample period of an inclinometer, and a reading asks for the lock after
+each of its ten frames.
+"""
+
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run one sensor until it is asked to stop; return the exit code of the process."""
@@ -16,10 +24,17 @@ def main(args: Sequence[str] | None = None) -> int:
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     from imu_bench.acquisition.priority import raise_priority
 
-    # the thread that reads waits for Python's lock: whoever holds it must not wait for a core,
-    # nor for a thread of the middleware that waits for one
-    raise_priority(heirs=True)
-    return run('imu_bench.nodes.sensor:SensorNode', args=args)
+    def go_first() -> None:
+        """
+        Raise the priority of all threads from here on.
+
+        The thread that reads waits for Python's lock: whoever holds it must not wait for a
+        core, nor for a thread of the middleware that waits for one; and hand it over soon.
+        """
+        raise_priority(heirs=True)
+        sys.setswitchinterval(SWITCH_S)
+
+    return run('imu_bench.nodes.sensor:SensorNode', args=args, imported=go_first)
 
 
 if __name__ == '__main__':

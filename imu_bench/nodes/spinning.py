@@ -66,7 +66,13 @@ class _Stop:
             future.set_result(None)
 
 
-def run(node: str, *, args: Sequence[str] | None = None, executor: str = 'single') -> int:
+def run(
+    node: str,
+    *,
+    args: Sequence[str] | None = None,
+    executor: str = 'single',
+    imported: Callable[[], None] | None = None,
+) -> int:
     """
     Run one node until it is asked to stop; return the exit code of the process.
 
@@ -78,6 +84,8 @@ def run(node: str, *, args: Sequence[str] | None = None, executor: str = 'single
         Command line with the program's name first; sys.argv by default.
     executor : {'single', 'events'}
         'events' handles many more messages per second, but no guard conditions.
+    imported : callable, optional
+        Called when everything is imported and no thread of ROS exists yet.
 
     Returns
     -------
@@ -98,6 +106,9 @@ def run(node: str, *, args: Sequence[str] | None = None, executor: str = 'single
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args, try_shutdown
 
+    make = _load(node)
+    if imported is not None:
+        imported()
     try:
         rclpy.init(args=command, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:
@@ -114,7 +125,7 @@ def run(node: str, *, args: Sequence[str] | None = None, executor: str = 'single
                 '--ros-args -p name:=value or --ros-args --params-file FILE'
             )
             return 2
-        return _life(_load(node), executor, stop)
+        return _life(make, executor, stop)
     finally:
         try_shutdown()
 

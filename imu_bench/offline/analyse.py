@@ -136,7 +136,14 @@ def finish(prepared: Prepared, found: Mapping[str, AxisResult]) -> RecordingResu
 
 
 def cut(recording: Recording, settings: Settings) -> Recording:
-    """Return the part of a recording that the settings ask for, the whole of it if nothing."""
+    """
+    Return the part of a recording that the settings ask for, the whole of it if nothing.
+
+    Raises
+    ------
+    RecordingError
+        If it holds no sample there.
+    """
     stamps = recording.samples.stamps
     first, last = int(stamps[0]), int(stamps.max())
     low, high = settings.window_ns or (first, last)

@@ -63,6 +63,7 @@ def measure(axis: Axis, grid: Grid, start_s: float, settings: Settings) -> AxisR
         valid=valid,
         unit=axis.unit,
         confidence=settings.confidence,
+        min_share=settings.min_share,
         # whoever has several cores works on several axes
         threads=1,
     )

@@ -39,6 +39,8 @@ STATISTICS = (
 DENSITIES = ('sigma', 'plateau', 'allan')
 """The ways to a noise density, in the order in which they are compared."""
 
+_CUT, _CLEAR = 0.5, 1.5  # of the white noise; of the width of the interval of the mean
+
 _DENSITY_FLOATS = ('frequency', 'density')
 
 
@@ -161,6 +163,32 @@ class AxisResult:
         if self.noise_density.value is None and plateau is not None and plateau.value is not None:
             return plateau
         return self.noise_density
+
+    @property
+    def shows_constants(self) -> bool:
+        """
+        Whether the axis shows constant signals, as far as noise can tell.
+
+        Behind a high-pass, as in a piezoelectric sensor, the mean is zero and the Allan deviation
+        falls below that of the white noise in the spectrum; other noise only adds to it.
+        """
+        plateau = self.noise_density_methods.get('plateau')
+        if self.allan is None or plateau is None or plateau.value is None:
+            return True
+        mean = self.statistics['mean']
+        if mean.value is not None and mean.low is not None and mean.high is not None:
+            clearly_not_zero = abs(mean.value) > _CLEAR * (mean.high - mean.low)
+            if clearly_not_zero:
+                return True
+        white = plateau.value / np.sqrt(2.0 * self.allan.tau)
+        return not bool(np.any(self.allan.high < _CUT * white))
+
+    def coefficient(self, term: str) -> Estimate:
+        """Return N, B, … of the fit; behind a high-pass nothing, instead of a tiny bound."""
+        found: Estimate = getattr(self.model, term)
+        if self.shows_constants:
+            return found
+        return Estimate.not_observable(found.unit, 'not defined: it shows no constant signal')
 
     @property
     def densities(self) -> NoiseDensities | None:

@@ -28,18 +28,25 @@ def axis_findings(axes: Sequence[AxisResult], *, moved: bool) -> Iterator[Findin
     yield from tone_findings(
         {axis.name: axis.psd.tones for axis in axes if axis.psd is not None},
         {axis.name: axis.statistics['std'].value or 0.0 for axis in axes},
+        [name for _, name in _changing(axes)],
     )
     if not moved:
         yield from _unsteady(axes)
         yield from _disputed(axes)
 
 
-def _unsteady(axes: Sequence[AxisResult]) -> Iterator[Finding]:
+def _changing(axes: Sequence[AxisResult]) -> list[tuple[Estimate, str]]:
+    """Return the axes whose noise changed, and by which factor."""
     found: list[tuple[Estimate, str]] = []
     for axis in axes:
         steady = axis.checks and axis.checks.steadiness
         if steady and steady.verdict == 'changes':
             found.append((steady.ratio, axis.name))
+    return found
+
+
+def _unsteady(axes: Sequence[AxisResult]) -> Iterator[Finding]:
+    found = _changing(axes)
     if not found:
         return
     found.sort(key=lambda row: -(row[0].value or 0.0))

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from imu_bench import drivers
 from imu_bench.metrology.estimate import Estimate
+from imu_bench.offline import datasheets
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.results import RecordingResult
 from imu_bench.registers import Typical
@@ -126,7 +127,11 @@ class Comparison:
         }
 
 
-def compare(recordings: Sequence[RecordingResult], reference: str = '') -> Comparison:
+def compare(
+    recordings: Sequence[RecordingResult],
+    reference: str = '',
+    sheets: datasheets.Document | None = None,
+) -> Comparison:
     """
     Return how the sensors stand against each other and against their datasheets.
 
@@ -135,6 +140,8 @@ def compare(recordings: Sequence[RecordingResult], reference: str = '') -> Compa
     recordings : sequence of RecordingResult
     reference : str
         Label of the sensor that ratios refer to; the quietest one if empty or unknown.
+    sheets : mapping, optional
+        Typical values by label, from `datasheets.read`; they go before those of a driver.
     """
     names = labels(recordings)
     standings = {
@@ -145,7 +152,7 @@ def compare(recordings: Sequence[RecordingResult], reference: str = '') -> Compa
     verdicts = tuple(
         verdict
         for recording, label in zip(recordings, names, strict=True)
-        for verdict in _verdicts(recording, label)
+        for verdict in _verdicts(recording, label, sheets or {})
     )
     return Comparison(tuple(names), reference, standings, verdicts)
 
@@ -244,8 +251,10 @@ def ratio(density: Estimate, yardstick: Estimate) -> Estimate:
     return Estimate(top / bottom, low, high, '1', density.confidence)
 
 
-def _verdicts(recording: RecordingResult, label: str) -> Iterator[Verdict]:
-    typical = typical_of(recording)
+def _verdicts(
+    recording: RecordingResult, label: str, sheets: datasheets.Document
+) -> Iterator[Verdict]:
+    typical = typical_of(recording) | datasheets.typical(sheets, label)
     for quantity in IMU_QUANTITIES:
         sheet = typical.get(quantity.field)
         if sheet is None:

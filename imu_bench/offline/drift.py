@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from imu_bench.metrology import coefficients, gauss_markov, kalman
+from imu_bench.metrology import coefficients, decay, gauss_markov, kalman
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.gauss_markov import Process
@@ -104,7 +104,7 @@ def _above_white(curve: DeviationCurve, white: float) -> DeviationCurve:
     return replace(curve, **parts)
 
 
-def _decay(blocks: Blocks, unit: str, confidence: float) -> gauss_markov.Decay:
+def _decay(blocks: Blocks, unit: str, confidence: float) -> decay.Decay:
     """Return the first decay found, looking at slow ones first: there white noise is lowest."""
     reasons = []
     for level in _LEVELS:
@@ -114,10 +114,8 @@ def _decay(blocks: Blocks, unit: str, confidence: float) -> gauss_markov.Decay:
         if piece.size < 2:
             break
         longest = _LONGEST * piece.size / coarse.rate_hz
-        correlation = gauss_markov.autocorrelation(
-            piece, coarse.rate_hz, longest_s=longest, unit=unit
-        )
-        found = gauss_markov.from_autocorrelation(correlation, confidence=confidence)
+        correlation = decay.autocorrelation(piece, coarse.rate_hz, longest_s=longest, unit=unit)
+        found = decay.from_autocorrelation(correlation, confidence=confidence)
         if found.process is None:
             reasons.append(found.T_c.reason)
         elif correlation.value[1] > _CORRELATED / math.sqrt(piece.size) * correlation.value[0]:
@@ -130,11 +128,11 @@ def _decay(blocks: Blocks, unit: str, confidence: float) -> gauss_markov.Decay:
     return _no_decay(reason, unit, confidence)
 
 
-def _no_decay(reason: str, unit: str, confidence: float) -> gauss_markov.Decay:
+def _no_decay(reason: str, unit: str, confidence: float) -> decay.Decay:
     def blank(of: str) -> Estimate:
         return Estimate.not_observable(of, reason, confidence=confidence, method='autocorrelation')
 
-    return gauss_markov.Decay(blank(unit), blank('s'), blank(unit), 1.0)
+    return decay.Decay(blank(unit), blank('s'), blank(unit), 1.0)
 
 
 def _middle_of_flat(model: NoiseModel, curve: DeviationCurve) -> float:

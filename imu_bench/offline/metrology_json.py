@@ -29,6 +29,7 @@ def curve_to_json(curve: DeviationCurve) -> dict[str, Any]:
         'period': curve.period,
         'samples': curve.samples,
         'span': curve.span,
+        'min_share': curve.min_share,
     }
     arrays = (*_CURVE_FLOATS, *_CURVE_INTEGERS)
     document |= {name: getattr(curve, name).tolist() for name in arrays}
@@ -43,6 +44,7 @@ def curve_from_json(document: Mapping[str, Any]) -> DeviationCurve:
     fields: dict[str, Any] = {name: document[name] for name in plain}
     fields |= {name: np.array(document[name], dtype=np.float64) for name in _CURVE_FLOATS}
     fields |= {name: np.array(document[name], dtype=np.int64) for name in _CURVE_INTEGERS}
+    fields['min_share'] = document.get('min_share', 1.0)
     fields['omitted'] = tuple((row['tau'], row['reason']) for row in document['omitted'])
     return DeviationCurve(**fields)
 

@@ -10,9 +10,7 @@ from statistics import median
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.units import convert
 
-ROLES = ('level', 'density', 'N', 'B', 'K', 'Q', 'R')
-"""What a number is, because datasheets give N and a noise density in different units."""
-
+# by what a number is, because datasheets give N and a noise density in different units
 _UNITS: dict[str, dict[str, tuple[str, ...]]] = {
     'level': {'m/s²': ('µg', 'mg', 'g'), 'rad/s': ('m°/s', '°/s')},
     'density': {'m/s²/√Hz': ('µg/√Hz', 'mg/√Hz'), 'rad/s/√Hz': ('m°/s/√Hz', '°/s/√Hz')},

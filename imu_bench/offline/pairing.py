@@ -78,6 +78,8 @@ def joined(
     RecordingError
         If a name is not found or used twice, or a stream does not measure what it is named for.
     """
+    if not results:
+        return []  # why, has been told of each recording
     partner: dict[int, int] = {}
     for accelerometer, gyroscope in pairs:
         first = _named(results, accelerometer, LINEAR_ACCELERATION)

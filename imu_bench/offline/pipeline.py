@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 import shutil
 from tempfile import mkdtemp
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from imu_bench.errors import BenchError, DataError, os_error_text
 from imu_bench.metrology import workspace
@@ -21,14 +21,12 @@ from imu_bench.offline.recordings import ReadOptions, Recording
 from imu_bench.offline.recordings.cache import columns, Read
 from imu_bench.offline.recordings.loading import stored_bytes
 from imu_bench.offline.settings import Settings
-from imu_bench.offline.workers import answer, Here, killed, MAPPED_BYTES, Workers
+from imu_bench.offline.workers import answer, Here, killed, MAPPED_BYTES, Sealed, Workers
 
 # The estimators are imported where they are used: while this process reads a recording, the
 # others import them, and this one when it has nothing else to do.
 if TYPE_CHECKING:
-    from imu_bench.metrology.timing import Grid
     from imu_bench.offline.analyse import Prepared
-    from imu_bench.offline.axes import Axis
     from imu_bench.offline.axis_result import AxisResult
     from imu_bench.offline.results import RecordingResult
 
@@ -188,8 +186,8 @@ class _Run:
         self._workers = workers
         self._mapped = any(locate(r.samples.stamps) is not None for r in read.recordings)
         self._scratch: Path | None = None
-        self._prepared: dict[int, Prepared] = {}
-        self._axes: dict[int, dict[str, AxisResult]] = {}
+        self._prepared: dict[int, _Ready] = {}
+        self._axes: dict[int, dict[str, Sealed[AxisResult]]] = {}
         self._results: dict[int, RecordingResult] = {}
         self._failures: dict[int, Failure] = {}
         self._waiting: deque[tuple[int, str]] = deque()
@@ -235,58 +233,67 @@ class _Run:
         if not name:
             problems = tuple(self._read.problems)
             return self._workers.submit(_prepare, recording, self._settings, problems, folder)
-        ready = self._prepared[number]
-        axis = next(axis for axis in ready.axes if axis.name == name)
-        arguments = (axis, ready.grid, ready.start_s, ready.settings, folder)
-        return self._workers.submit(_measure, *arguments)
+        return self._workers.submit(_measure, self._prepared[number].sealed, name, folder)
 
     def _take(self, future: Future[Any], number: int, name: str) -> None:
         try:
             found = answer(future)
         except (BenchError, OSError, MemoryError) as error:
             if isinstance(error, DataError) and number in self._prepared:
-                error = DataError(f'{self._prepared[number].result.where}: {error}')
+                recording = self._read.recordings[number]
+                error = DataError(f'{recording.source}, topic {recording.topic}: {error}')
             self._failures.setdefault(number, _failure(self._path, error))
             self._waiting = deque(item for item in self._waiting if item[0] != number)
             return
         if not name:
             self._prepared[number] = found
             self._axes[number] = {}
-            self._waiting.extend((number, axis.name) for axis in found.axes)
+            self._waiting.extend((number, axis) for axis in found.axes)
             return
         self._axes[number][name] = found
         ready = self._prepared[number]
         if len(self._axes[number]) == len(ready.axes):
             from imu_bench.offline.analyse import finish
 
-            self._results[number] = finish(ready, self._axes[number])
+            axes = {name: axis.open() for name, axis in self._axes[number].items()}
+            self._results[number] = finish(ready.sealed.open(), axes)
             if self._scratch is not None:
                 shutil.rmtree(self._scratch / str(number), ignore_errors=True)
 
 
+class _Ready(NamedTuple):
+    """The names of the axes to be measured, and all that is known of them."""
+
+    axes: tuple[str, ...]
+    sealed: Sealed[Prepared]
+
+
 def _prepare(
     recording: Recording, settings: Settings, problems: Sequence[str], scratch: Path | None
-) -> Prepared:
+) -> _Ready:
     from imu_bench.offline.analyse import prepare
 
     if scratch is None:
-        return prepare(recording, settings, problems)
-    shelf = Shelf(scratch)
-    with workspace.borrowing(lambda size, dtype: shelf.empty((size,), dtype)):
         ready = prepare(recording, settings, problems)
-    grid = replace(ready.grid, index=shelf.put(ready.grid.index), keep=shelf.put(ready.grid.keep))
-    return replace(ready, grid=grid)
+    else:
+        shelf = Shelf(scratch)
+        with workspace.borrowing(lambda size, dtype: shelf.empty((size,), dtype)):
+            ready = prepare(recording, settings, problems)
+        index, keep = shelf.put(ready.grid.index), shelf.put(ready.grid.keep)
+        ready = replace(ready, grid=replace(ready.grid, index=index, keep=keep))
+    return _Ready(tuple(axis.name for axis in ready.axes), Sealed(ready))
 
 
-def _measure(
-    axis: Axis, grid: Grid, start_s: float, settings: Settings, scratch: Path | None
-) -> AxisResult:
+def _measure(sealed: Sealed[Prepared], name: str, scratch: Path | None) -> Sealed[AxisResult]:
     from imu_bench.offline.analyse import measure
 
+    ready = sealed.open()
+    axis = next(axis for axis in ready.axes if axis.name == name)
+    arguments = (axis, ready.grid, ready.start_s, ready.settings)
     if scratch is None:
-        return measure(axis, grid, start_s, settings)
+        return Sealed(measure(*arguments))
     with workspace.borrowing(Shelf(scratch).lend):
-        return measure(axis, grid, start_s, settings)
+        return Sealed(measure(*arguments))
 
 
 def _outcome(path: Path, future: Future[Outcome]) -> Outcome:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from imu_bench.errors import BenchError, os_error_text, RecordingError
 from imu_bench.offline.failure import Failure
-from imu_bench.offline.pairing import halves
+from imu_bench.offline.pairing import halves, joined
 from imu_bench.offline.pipeline import analyse_files, nobody, Order, Outcome, Phase
 from imu_bench.offline.plans.plan import AnyPlan, Plan
 from imu_bench.offline.plans.result import PlanResult
@@ -45,6 +45,8 @@ class Job:
         Shows progress.
     failed : callable
         Told of a recording that could not be measured, as soon as it is known.
+    pairs : sequence of (str, str)
+        Streams of an accelerometer and a gyroscope that are one sensor, as for `joined`.
     """
 
     paths: Sequence[Path]
@@ -52,6 +54,7 @@ class Job:
     workers: Workers = field(default_factory=Here)
     phase: Phase = nobody
     failed: Callable[[Failure], None] = unheard
+    pairs: Sequence[tuple[str, str]] = ()
 
 
 def run(plan: AnyPlan[Any], job: Job) -> PlanResult:
@@ -63,8 +66,13 @@ def run(plan: AnyPlan[Any], job: Job) -> PlanResult:
     NothingMeasured
         If no recording could be measured.
     RecordingError
-        If the plan misses something.
+        If the plan misses something, or cannot use the pairs that are named.
     """
+    if job.pairs and isinstance(plan, Plan):
+        raise RecordingError(
+            f'--pair: plan {plan.name} measures every stream by itself, at its own rate, and '
+            'names it by its topic: leave --pair out'
+        )
     failures: list[Failure] = []
 
     def failed(failure: Failure) -> None:
@@ -96,7 +104,8 @@ def _analysed(job: Job) -> list[RecordingResult]:
             job.failed(failure)
 
     analyse_files(job.paths, job.order, job.workers, told, job.phase)
-    return [result for number in sorted(outcomes) for result in outcomes[number].results]
+    found = [result for number in sorted(outcomes) for result in outcomes[number].results]
+    return joined(found, job.pairs)
 
 
 def _measured(plan: Plan[Measured], job: Job) -> list[Measured]:

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
+from typing import NamedTuple
 
 from imu_bench.metrology.noise_model import gauss_markov_variance, NoiseModel, variance_of
 from imu_bench.offline.axis_result import AxisResult
@@ -16,8 +17,10 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 
-AXIS_COLOURS = {'x': '#c8492e', 'y': '#2a8a5f', 'z': '#2f62b0'}
-"""Red, green and blue as in every 3-D viewer, with lightness that keeps them apart in grey."""
+AXIS_COLOURS = {'x': '#c8492e', 'y': '#2f9e74', 'z': '#1f4690'}
+"""Red, green and blue as in every 3-D viewer; L* of 49, 58 and 31 keeps them apart in grey."""
+
+AXIS_MARKERS = {'x': 'circle', 'y': 'square', 'z': 'triangle'}
 
 SENSOR_COLOURS = (
     '#2f62b0',
@@ -32,6 +35,9 @@ SENSOR_COLOURS = (
     '#2aa1b3',
 )
 """For sensors in one plot, in their order; they repeat after ten."""
+
+SENSOR_MARKERS = ('circle', 'square', 'triangle', 'diamond', 'inverted_triangle', 'plus', 'x')
+"""Beside the colours, for print in grey and for those who see few colours."""
 
 AXIS_DASHES = {'x': 'solid', 'y': 'dashed', 'z': 'dotted'}
 
@@ -64,15 +70,71 @@ def drawable(axis: AxisResult) -> bool:
     return axis.allan is not None and bool(np.any(axis.allan.deviation > 0.0))
 
 
+class Drawn(NamedTuple):
+    """One axis among those of all sensors, and how its sensor is drawn."""
+
+    label: str
+    colour: str
+    marker: str
+    axis: AxisResult
+
+
 def of_all(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
-) -> list[tuple[str, str, AxisResult]]:
-    """Return label, colour and axis of every axis of a quantity."""
+) -> list[Drawn]:
+    """Return every axis of a quantity with the look of its sensor."""
+    looks = zip(recordings, labels, cycle(SENSOR_COLOURS), cycle(SENSOR_MARKERS))
     return [
-        (label, colour, axis)
-        for recording, label, colour in zip(recordings, labels, cycle(SENSOR_COLOURS))
+        Drawn(label, colour, marker, axis)
+        for recording, label, colour, marker in looks
         for axis in recording.of(quantity)
     ]
+
+
+def few(size: int, wanted: int = 9) -> slice:
+    """
+    Return which points of a curve get a marker.
+
+    Examples
+    --------
+    >>> list(range(20))[few(20, 5)]
+    [0, 4, 8, 12, 16]
+    """
+    return slice(None, None, max(1, size // wanted))
+
+
+def series_colours(figures: Sequence[Sequence[str]]) -> list[list[str]]:
+    """
+    Return the colours of the labels of each figure: a sensor has one colour on the whole page.
+
+    Labels that begin with the letter of an axis have the colour of the axis. Where two sensors,
+    or two lines of one sensor, would share a colour, the figure counts through the colours.
+
+    Examples
+    --------
+    >>> series_colours([['a', 'b'], ['b z'], ['x', 'x set']]) == [
+    ...     list(SENSOR_COLOURS[:2]), [SENSOR_COLOURS[1]], [AXIS_COLOURS['x']] * 2]
+    True
+    """
+    words = dict.fromkeys(
+        label.split(' ')[0] for labels in figures for label in labels if not _of_axis(label)
+    )
+    known = dict(zip(words, cycle(SENSOR_COLOURS)))
+    return [_colours(labels, known) for labels in figures]
+
+
+def _colours(labels: Sequence[str], known: Mapping[str, str]) -> list[str]:
+    if labels and all(map(_of_axis, labels)):
+        return [AXIS_COLOURS[label[0]] for label in labels]
+    found = [known.get(label.split(' ')[0], '') for label in labels]
+    if '' not in found and len(set(found)) == len(set(labels)):
+        return found
+    counted = dict(zip(dict.fromkeys(labels), cycle(SENSOR_COLOURS)))
+    return [counted[label] for label in labels]
+
+
+def _of_axis(label: str) -> bool:
+    return label.split(' ')[0] in AXIS_COLOURS
 
 
 def level_unit(axes: Sequence[AxisResult]) -> str:

@@ -23,6 +23,7 @@ from imu_bench.metrology.normality import Histogram
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.failure import Failure
 from imu_bench.offline.health import Health
+from imu_bench.offline.whole_files import write_text
 
 SCHEMA = 'imu_bench.analysis/1'
 
@@ -177,7 +178,7 @@ def write(analysis: Analysis, path: str | os.PathLike[str]) -> None:
         If the file cannot be written.
     """
     text = json.dumps(analysis.to_json(), ensure_ascii=False, allow_nan=False, indent=1)
-    Path(path).write_text(text + '\n', encoding='utf-8')
+    write_text(path, text + '\n')
 
 
 def read(path: str | os.PathLike[str]) -> Analysis:

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 from typing import Any
 
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import CONFIDENCE
+
+_LONGEST_S = 1e9
+"""No recording lasts 30 years: a larger number is a stamp or a typing error."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,8 @@ class Settings:
         Level of every interval.
     reference : str
         Sensor that ratios refer to.
+    min_share : float
+        Least share of its samples that an average of the Allan deviation needs.
 
     Raises
     ------
@@ -41,11 +45,19 @@ class Settings:
     window_ns: tuple[int, int] | None = None
     confidence: float = CONFIDENCE
     reference: str = ''
+    min_share: float = 1.0
 
     def __post_init__(self) -> None:
         for tau in self.taus:
-            if not (math.isfinite(tau) and tau > 0.0):
-                raise RecordingError(f'--tau {tau:g}: an averaging time must be above 0 s')
+            if not 0.0 < tau <= _LONGEST_S:
+                raise RecordingError(
+                    f'--tau {tau:g}: an averaging time is above 0 s and at most {_LONGEST_S:g} s'
+                )
+        for name, second in (('--start', self.start_s), ('--end', self.end_s)):
+            if second is not None and not abs(second) <= _LONGEST_S:
+                raise RecordingError(f'{name} {second:g}: give seconds after the first sample')
+        if not 0.5 <= self.min_share <= 1.0:
+            raise RecordingError(f'--min-share {self.min_share:g}: give a share from 0.5 to 1')
         start, end = self.start_s or 0.0, self.end_s
         if end is not None and not start < end:
             raise RecordingError(
@@ -61,4 +73,5 @@ class Settings:
             'window_ns': None if self.window_ns is None else list(self.window_ns),
             'confidence': self.confidence,
             'reference': self.reference,
+            'min_share': self.min_share,
         }

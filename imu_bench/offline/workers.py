@@ -16,7 +16,7 @@ import pickle
 import signal
 import threading
 from types import TracebackType
-from typing import Any, Protocol, TypeVar
+from typing import Any, cast, Generic, Protocol, TypeVar
 
 from imu_bench.errors import RecordingError
 from imu_bench.offline.environment import one_thread_each
@@ -30,6 +30,9 @@ MAPPED_BYTES = 96 << 20
 
 MOST_JOBS = 6
 """Processes if nobody says how many: each may take 150 MB, and 1 GB is to be enough."""
+
+MOST_WITHIN_MEMORY = 10
+"""Processes, if somebody asks for many: each then takes 75 MB, of columns 32 MB among them."""
 
 _ALL_MAPPED_BYTES, _LEAST_MAPPED_BYTES = 320 << 20, 16 << 20
 """What the processes together may hold, and what each needs to get on."""
@@ -121,6 +124,40 @@ class Processes:
                 process.terminate()
         # they end while the results are shown; the interpreter waits for them when it ends
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+class Sealed(Generic[Answer]):
+    """
+    Something that passes through a process which need not know what it is.
+
+    What came out of another process stays packed until it is opened: whoever hands out the
+    work then need not wait for the imports that it takes to unpack answers.
+
+    Parameters
+    ----------
+    content : object
+
+    Examples
+    --------
+    >>> Sealed('abc').open()
+    'abc'
+    """
+
+    def __init__(self, content: Answer) -> None:
+        self._content: Answer | None = content
+        self._packed = b''
+
+    def open(self) -> Answer:
+        """Return what is in it."""
+        if self._packed:
+            return cast(Answer, pickle.loads(self._packed))
+        return cast(Answer, self._content)
+
+    def __getstate__(self) -> bytes:
+        return self._packed or _packed(self._content)
+
+    def __setstate__(self, packed: bytes) -> None:
+        self._content, self._packed = None, packed
 
 
 def usable_cores() -> int:

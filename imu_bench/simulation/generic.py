@@ -45,6 +45,7 @@ class GenericSensor:
         self.title = str(settings['title'])
         self.counters: Counter[str] = Counter(bus_errors=0, fifo_overflows=0)
         self.continuity = 0
+        self.dated = True
         self.skipped: dict[int, int] = {}
         self._source = source
         self._clock = clock

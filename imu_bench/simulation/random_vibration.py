@@ -80,8 +80,8 @@ class RandomVibration(Part):
 
     @property
     def bands(self) -> Sequence[Band]:
-        """The band."""
-        return (self._band,)
+        """The band, if anything shakes in it."""
+        return (self._band,) if self._density.any() else ()
 
     def specific_force(self, t: Array) -> Array:
         """Return m/s², shape (n, 3)."""

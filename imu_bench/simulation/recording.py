@@ -186,10 +186,11 @@ def write_columns(
         for writer in writers:
             writer.close()
     except OSError as problem:
-        for writer in writers:
-            writer.abandon()
         reason = 'the disk is full' if problem.errno in _FULL else problem.strerror
         raise RecordingError(f'{path}: {reason}; the columns are not complete') from problem
+    finally:
+        for writer in writers:
+            writer.abandon()  # what is not closed yet: on an error, or when stopped
     return {sensor.name: writer.count for sensor, writer in zip(sensors, writers, strict=True)}
 
 
@@ -198,7 +199,8 @@ def write_truth(
     sensors: Sequence[SimulatedSensor],
     scenario: Scenario,
     duration_s: float,
-    run: int,
+    run: int = 0,
+    start_ns: int = START_NS,
 ) -> None:
     """
     Write what is true about a simulated recording into truth.json in its folder.
@@ -212,7 +214,7 @@ def write_truth(
         'schema': SCHEMA,
         'package': {'name': 'imu_bench', 'version': __version__},
         'run': run,
-        'start_ns': START_NS,
+        'start_ns': start_ns,
         'duration': {'value': duration_s, 'unit': 's'},
         'scenario': scenario.truth,
         'sensors': {sensor.name: sensor.truth() for sensor in sensors},

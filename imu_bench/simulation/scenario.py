@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from imu_bench.config.files import read_yaml
@@ -61,6 +61,8 @@ class Scenario:
     zones : tuple of Zone
     truth : mapping
         Every setting that went in, in SI with its unit, ready for JSON.
+    still : Motion
+        The bench before it begins.
     """
 
     name: str
@@ -70,6 +72,12 @@ class Scenario:
     duration_s: float | None = None
     zones: tuple[Zone, ...] = ()
     truth: Mapping[str, Any] | None = None
+    still: Motion = field(default_factory=Still)
+
+    @property
+    def endless(self) -> bool:
+        """Whether it may be stopped at any time, and is then as good as whole."""
+        return self.motion.duration_s is None and not self.zones
 
 
 def load_scenario(name: str, *, seed: int = 0, overrides: Sequence[str] = ()) -> Scenario:
@@ -96,10 +104,28 @@ def load_scenario(name: str, *, seed: int = 0, overrides: Sequence[str] = ()) ->
     Zone(name='test', begin_s=180.0, end_s=780.0)
     """
     path = named_file('scenarios', name)
-    document = read_yaml(path)
+    document = scenario_document(name, overrides)
+    return scenario_from(document, path.stem, seed=seed, where=f'{path}: scenario')
+
+
+def scenario_document(name: str, overrides: Sequence[str] = ()) -> dict[Any, Any]:
+    """
+    Return what the file of a scenario says, with settings replaced; see `load_scenario`.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scenario, or no such motion in it.
+
+    Examples
+    --------
+    >>> scenario_document('sine', ['axis=x'])['axis']
+    'x'
+    """
+    document = read_yaml(named_file('scenarios', name))
     for override in overrides:
         _replace(document, override)
-    return scenario_from(document, path.stem, seed=seed, where=f'{path}: scenario')
+    return document
 
 
 def scenario_from(
@@ -151,6 +177,7 @@ def scenario_from(
         duration_s=meant or (spans[-1].end_s if spans else motion.duration_s),
         zones=spans,
         truth=_truth(name, top, seed, spans, truths),
+        still=still,
     )
 
 

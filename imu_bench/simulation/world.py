@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 from zlib import crc32
 
 from imu_bench.config import SensorConfig
+from imu_bench.config.beginning import Beginning
 from imu_bench.errors import ConfigError
 from imu_bench.registers import Typical
 from imu_bench.samples import AXES
+from imu_bench.simulation.beginning import Later
 from imu_bench.simulation.chip import SensorSource
 from imu_bench.simulation.motion import attitude, Motion, Mounted
 from imu_bench.simulation.scenario import load_scenario, Scenario
@@ -124,6 +127,7 @@ def sensor_source(
     scenario: Scenario | None = None,
     run: int = 0,
     on_wire: bool = False,
+    beginning: Beginning | None = None,
 ) -> SensorSource:
     """
     Return the sampling core of an emulated sensor.
@@ -142,6 +146,8 @@ def sensor_source(
         Another run gives other noise and another turn-on bias of the same sensor.
     on_wire : bool
         Whether an emulated chip filters and quantises what the source makes.
+    beginning : Beginning, optional
+        When the scenario of the sensor's file begins; as the file says by default.
 
     Raises
     ------
@@ -155,8 +161,14 @@ def sensor_source(
     """
     errors = errors_of(config, typical, on_wire=on_wire)
     wanted = {quantity: errors[quantity] for quantity in quantities if quantity in errors}
+    if scenario is None:
+        scenario = scenario_of(config)
+        beginning = beginning or Beginning(config.simulation.get('begin', 0.0))
+        if beginning.at_s:
+            later = Later(scenario.motion, scenario.still, start_ns, beginning)
+            scenario = replace(scenario, motion=later)
     return SensorSource(
-        motion_of(config, scenario or scenario_of(config)),
+        motion_of(config, scenario),
         ErrorModel(wanted, _seed(config, run)),
         nominal_hz,
         rate_error=_number(config.simulation, 'rate_error', 0.0),

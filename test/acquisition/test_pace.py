@@ -53,6 +53,7 @@ class Polled:
         self.clock = clock
         self.rate_hz, self.poll_period_s, self.rates_hz, self.paced = 200.0, 0.005, {}, True
         self.counters, self.continuity, self.skipped = Counter(bus_errors=0), 0, {}
+        self.dated = True
         self.broken = False
         self.delays_s = iter(())
 

@@ -149,3 +149,66 @@ def test_only_the_words_given_are_compared():
         for k, (row, word) in enumerate(zip(rows, words, strict=True))
     ]
     assert found == [[0], [], [2]]
+
+
+# --- looked at more seldom than it writes ------------------------------------------------
+def seldom(chip, looks, cost=6_000_000, held_up=None):
+    """Return what was taken, how old it was by its stamp, and every look."""
+    updates = Updates(100.0)
+    taken, off, found = [], [], []
+    for k, t in enumerate(looks):
+        number = chip.number(t)
+        before = t if held_up is None else t - held_up[k]
+        look = updates.look(np.array([chip.words[number]]), round(before), round(t + cost))
+        found.append(look)
+        taken += look.rows.tolist()
+        off += (look.stamps - chip.when[number]).tolist()
+    return np.array(taken), np.array(off), found
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    error=st.floats(-0.01, 0.01),
+    apart=st.floats(1.05, 6.0),
+    waits=st.booleans(),
+)
+@settings(max_examples=25, deadline=None)
+def test_looked_at_too_seldom_what_is_seen_is_taken_once(seed, error, apart, waits):
+    rng = np.random.default_rng(seed)
+    chip = Chip(rng, error)
+    looks = 1e9 + np.arange(300) * apart * PERIOD + rng.uniform(0, 0.02 * PERIOD, 300)
+    held_up = rng.uniform(0, 2 * PERIOD, 300) if waits else None
+    taken, off, found = seldom(chip, looks, held_up=held_up)
+    seen = np.unique([chip.number(t) for t in looks])
+    # every sample that was seen, once, but for some at the beginning
+    missed = set(chip.words[seen]) - set(taken)
+    assert missed <= set(chip.words[seen[:6]])
+    assert len(set(taken)) == len(taken)
+    assert all(look.undated for look in found[6:])
+    assert sum(look.lost_track for look in found) <= 1
+    # half a period, and the uncertainty of where in its transfer the chip latches
+    assert np.abs(off[6:]).max() <= 0.5 * PERIOD * 1.02 + 3_000_000
+
+
+def test_looking_often_again_finds_the_pace_anew():
+    rng = np.random.default_rng(3)
+    chip = Chip(rng, 0.008)
+    often, late = 2e7 + schedule(5.0), 5.1e9 + np.arange(400) * 2.37 * PERIOD
+    looks = np.concatenate([often, late, late[-1] + 3e7 + schedule(3.0)])
+    taken, _, found = seldom(chip, looks, cost=800_000)
+    undated = np.array([look.undated for look in found])
+    assert not undated[: often.size].any()
+    assert undated[often.size + 100 : often.size + 400].all()
+    assert not undated[often.size + 410 :].any()
+    lost_track = np.flatnonzero([look.lost_track for look in found])
+    assert lost_track.size == 1
+    assert often.size + 400 < lost_track[0] < often.size + 410
+    assert len(set(taken)) == len(taken)
+
+
+def test_a_chip_that_stands_still_gives_nothing_however_seldom_it_is_looked_at():
+    updates = Updates(100.0)
+    for k in range(60):
+        row = np.array([min(k, 20)])
+        look = updates.look(row, k * 25_000_000, k * 25_000_000 + 1)
+        assert len(look.rows) == 0 or 0 <= k <= 20

@@ -2,6 +2,7 @@
 """`imu-bench analyze`: outputs, options, and bad input with one clear line."""
 
 import json
+import os
 import re
 
 from imu_bench.offline import results
@@ -44,6 +45,30 @@ def test_averaging_times_on_request(imu_bench, write_csv, tmp_path):
     imu_bench('analyze', write_csv(), '--tau', '0.1,1', '--json', document)
     axis = json.loads(document.read_text())['recordings'][0]['axes']['angular_velocity.x']
     assert axis['allan']['tau'] == pytest.approx([0.1, 1.0])
+
+
+def test_averages_that_lack_samples_on_request(imu_bench, write_csv, tmp_path):
+    path, document, report = write_csv(n=20_000), tmp_path / 'r.json', tmp_path / 'r.html'
+    header, *rows = path.read_text().splitlines()
+    kept = np.random.default_rng(1).random(len(rows)) > 0.005
+    left = [row for row, keep in zip(rows, kept, strict=True) if keep]
+    path.write_text('\n'.join([header, *left]))
+    _, out, _ = imu_bench('analyze', path, '--json', document)
+    strict = results.read(document)
+    assert '--min-share 0.95' in out
+    code, _, err = imu_bench(
+        'analyze', path, '--min-share', '0.95', '--json', document, '--html', report
+    )
+    assert (code, err) == (0, '')
+    found = results.read(document)
+    assert (strict.settings['min_share'], found.settings['min_share']) == (1.0, 0.95)
+    before, after = (r.recordings[0].axes['angular_velocity.x'].allan for r in (strict, found))
+    assert (before.min_share, after.min_share) == (1.0, 0.95)
+    assert after.tau[-1] > 3 * before.tau[-1]
+    assert 'averages count from 95 % of their samples on' in report.read_text(encoding='utf-8')
+    code, _, err = imu_bench('analyze', path, '--min-share', '95')
+    assert code != 0
+    assert '--min-share 95' in one_line(err)
 
 
 def test_a_window_of_stamps_and_of_seconds_agree(imu_bench, write_csv, tmp_path):
@@ -147,6 +172,47 @@ class TestBadInput:
             code, out, err = imu_bench('analyze', write_csv(), '--json', target)
             assert (code, out) == (1, '')
             assert str(target) in one_line(err)
+
+    @pytest.mark.parametrize(
+        ('option', 'value'),
+        [('--start', 'nan'), ('--end', 'inf'), ('--tau', '1e300'), ('--tau', 'nan')],
+    )
+    def test_a_time_that_is_none(self, imu_bench, write_csv, option, value):
+        code, out, err = imu_bench('analyze', write_csv(), option, value)
+        assert (code, out) == (1, '')
+        assert option in one_line(err)
+
+    def test_an_output_does_not_destroy_an_input(self, imu_bench, write_csv):
+        path = write_csv()
+        before = path.read_bytes()
+        code, _, err = imu_bench('analyze', path, '--json', path)
+        assert code == 1
+        assert 'is an input, too' in one_line(err)
+        assert path.read_bytes() == before
+
+    def test_two_outputs_are_two_files(self, imu_bench, write_csv, tmp_path):
+        target = tmp_path / 'r'
+        code, _, err = imu_bench('analyze', write_csv(), '--json', target, '--html', target)
+        assert code == 1
+        assert 'another output' in one_line(err)
+        assert not target.exists()
+
+    def test_a_pipe_is_refused_without_waiting_for_it(self, imu_bench, tmp_path):
+        os.mkfifo(tmp_path / 'pipe')
+        code, _, err = imu_bench('analyze', tmp_path / 'pipe')
+        assert code == 1
+        assert 'pipe: neither a file nor a folder' in one_line(err)
+
+    def test_a_setting_without_a_plan(self, imu_bench, write_csv):
+        code, out, err = imu_bench('analyze', write_csv(), '--set', 'bandwidth=100 Hz')
+        assert (code, out) == (1, '')
+        assert '--plan' in one_line(err)
+
+    def test_a_reference_that_is_not_there(self, imu_bench, write_csv):
+        code, out, err = imu_bench('analyze', write_csv(), '--reference', 'clip')
+        assert code == 1
+        assert 'Acceleration' in out
+        assert '--reference clip: not among the sensors: chip' in one_line(err)
 
     @pytest.mark.data
     def test_unknown_topic_lists_what_there_is(self, imu_bench, shared_data):

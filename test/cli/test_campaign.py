@@ -70,6 +70,38 @@ def test_repetitions_differ(imu_bench, bench, tmp_path):
     assert one != two
 
 
+def test_more_runs_once_along_every_axis(imu_bench, tmp_path):
+    code, out, _ = imu_bench('campaign', 'vehicle_vibration', '--list', '-o', tmp_path)
+    assert code == 0
+    names = [line.rpartition('/')[2] for line in out.splitlines() if '/sine_on_random_sc' in line]
+    assert len(names) == 4 * 3 * 5 + 3 * 3
+    assert names[-9:] == [
+        f'sine_on_random_sc{condition}_{axis}_sine' for condition in (1, 2, 3) for axis in 'xyz'
+    ]
+
+
+def test_the_sine_alone_tells_what_random_vibration_costs(imu_bench, tmp_path):
+    """The bench as it is, but one condition along one axis and zones of some seconds."""
+    from imu_bench.config.location import config_file
+    import yaml
+
+    file = config_file('benches/vehicle_vibration.yaml')
+    document = yaml.safe_load(file.read_text(encoding='utf-8'))
+    document['sensors'] = document['sensors'][:1]
+    document['sensors'][0]['file'] = str(config_file('sensors/lsm9ds1.yaml'))
+    (test,) = document['tests']
+    test |= {'scenarios': ['sine_on_random_sc2'], 'axes': ['y'], 'repetitions': 1}
+    test['set'] = ['zones.before=9 s', 'zones.test=15 s', 'zones.after=9 s']
+    test['also']['scenarios'] = test['scenarios']
+    bench = tmp_path / 'small.yaml'
+    bench.write_text(yaml.safe_dump(document, allow_unicode=True), encoding='utf-8')
+    code, out, _ = imu_bench('campaign', bench, '--jobs', '1', '-o', tmp_path / 'c')
+    assert code == 0
+    found = json.loads((tmp_path / 'c/sine_on_random/results.json').read_text(encoding='utf-8'))
+    assert not any(finding['code'] == 'no-reference' for finding in found['findings'])
+    assert re.search(r'Random vibration costs up to [1-9][\d.]* ± ?[\d.]+ dB of SNR', out)
+
+
 def test_the_list_names_folders_and_what_is_left_out(imu_bench, bench):
     code, out, err = imu_bench('campaign', bench, '--list')
     assert code == 0
@@ -121,6 +153,9 @@ def test_a_test_that_cannot_run_is_one_line(imu_bench, bench, tmp_path, change, 
         (('repetitions: 2', 'repetitions: 0'), 'tests[0].short.repetitions: 0 is not allowed'),
         (('name: night', 'name: rest'), "tests: 'rest' is there twice"),
         (('on_request: true', 'on_demand: true'), 'tests[1].on_demand: unknown'),
+        (('on_request: true', 'also: {set: [a=1]}'), 'tests[1].also.name: '),
+        (('on_request: true', 'live: {time: 1 s}'), 'tests[1].live.time: unknown'),
+        (('title: One incl', 'demo: sleep\ntitle: Incl'), "demo: 'sleep' is none of the tests"),
         (('duration: "1 h"', 'duration: 1'), 'tests[0].duration: '),
     ],
 )

@@ -78,6 +78,7 @@ def test_help_imports_nothing_heavy():
             'imu-bench: error: No space left on device\n',
         ),
         (RecordingError('\x1b[31mred'), 1, 'imu-bench: error: \\x1b[31mred\n'),
+        (RecordingError('3\u202f600 samples'), 1, 'imu-bench: error: 3 600 samples\n'),
         (KeyboardInterrupt(), 130, 'imu-bench: stopped\n'),
     ],
 )
@@ -89,7 +90,7 @@ def test_an_error_is_one_line(imu_bench, verb, error, code, line):
 def run_with(encoding, *arguments):
     return subprocess.run(
         [sys.executable, '-m', 'imu_bench.cli.main', *map(str, arguments)],
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, encoding=encoding, timeout=60, check=False,
         env=os.environ | {'PYTHONIOENCODING': encoding, 'COLUMNS': '100'},
     )  # fmt: skip
 
@@ -99,6 +100,13 @@ def test_a_pipe_that_knows_no_greek(write_csv):
     assert done.returncode == 0, done.stderr
     assert done.stderr == ''
     assert 'noise density' in done.stdout
+
+
+@pytest.mark.parametrize(('encoding', 'size'), [('ascii', '6 000'), ('utf-8', '6\u202f000')])
+def test_thin_spaces_are_spaces_in_a_pipe(write_csv, encoding, size):
+    done = run_with(encoding, 'analyze', write_csv())
+    assert f'{size} samples' in done.stdout
+    assert 'x202f' not in done.stdout
 
 
 def test_a_reader_that_leaves_early_is_no_crash(write_csv):

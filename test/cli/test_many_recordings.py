@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`imu-bench analyze` on many recordings: side by side, on a cluster, stopped and begun again."""
 
+from argparse import Namespace
 import json
 import multiprocessing
 import os
@@ -12,6 +13,8 @@ import sys
 import time
 
 from distributed import LocalCluster
+from imu_bench.cli import running
+from imu_bench.offline import workers
 from imu_bench.offline.pipeline import analyse_files, Order
 from imu_bench.offline.recordings import ReadOptions
 from imu_bench.offline.settings import Settings
@@ -152,3 +155,13 @@ def test_a_killed_process_takes_no_recording_along(recordings):
     failed = [recordings[number].name for number, o in found.items() if o.failures]
     assert sorted(found) == list(range(len(recordings)))
     assert failed == ['bad.csv']
+
+
+def test_more_processes_than_memory_allows_are_told_and_not_started(write_csv, capsys):
+    arguments = Namespace(jobs=16, scheduler=None)
+    with running.workers(arguments, [write_csv(n=10)] * 20) as team:
+        assert team.jobs == workers.MOST_WITHIN_MEMORY < 16
+    told = capsys.readouterr().err
+    assert told == (
+        '--jobs 16: 10 processes do the work, more would take over 1 GB of memory together\n'
+    )

@@ -3,6 +3,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 
@@ -42,3 +43,40 @@ def test_a_recording_that_fails_is_one_line(imu_bench, write_csv):
     code, _, err = imu_bench('analyze', '--plan', 'inclination', write_csv())
     assert code == 1
     assert len(err.splitlines()) == 1
+
+
+@pytest.fixture
+def two_streams(tmp_path):
+    """Return files of an accelerometer and of a gyroscope whose names do not say so."""
+    files, rng = [], np.random.default_rng(7)
+    for name, quantity in (('left', 'linear_acceleration'), ('right', 'angular_velocity')):
+        table = np.column_stack([np.arange(3000) / 100, rng.normal(size=(3000, 3))])
+        header = 'stamp_s,' + ','.join(f'{quantity}.{axis}' for axis in 'xyz')
+        files.append(tmp_path / f'{name}.csv')
+        np.savetxt(files[-1], table, delimiter=',', header=header, comments='')
+    return files
+
+
+def test_a_named_pair_is_one_sensor_of_the_plan(imu_bench, two_streams, tmp_path):
+    sensors = {}
+    for name, given in (('alone', ()), ('paired', ('--pair', 'left.csv', 'right.csv'))):
+        document = tmp_path / f'{name}.json'
+        code, _, err = imu_bench(
+            'analyze', *two_streams, '--plan', 'static', *given, '--json', document
+        )
+        assert (code, err) == (0, '')
+        sensors[name] = list(json.loads(document.read_text(encoding='utf-8'))['values'])
+    assert [len(found) for found in sensors.values()] == [2, 1]
+
+
+@pytest.mark.parametrize(
+    ('plan', 'pair', 'text'),
+    [
+        ('static', ('left.csv', 'middle.csv'), "no stream is called 'middle.csv'"),
+        ('inclination', ('left.csv', 'right.csv'), 'plan inclination measures every stream by'),
+    ],
+)
+def test_a_pair_that_cannot_be_is_one_line(imu_bench, two_streams, plan, pair, text):
+    code, _, err = imu_bench('analyze', *two_streams, '--plan', plan, '--pair', *pair)
+    assert (code, len(err.splitlines())) == (1, 1)
+    assert text in err

@@ -158,3 +158,23 @@ def test_a_bench_with_a_wrong_unit_names_file_and_setting(imu_bench, own_bench, 
     assert code == 1
     assert 'left.yaml' in one_line(err)
     assert "acceleration.bias: '20 furlong': unknown unit" in err
+
+
+@pytest.mark.parametrize(
+    ('storage', 'left'), [('npy', 'cannot be read: remove it'), ('mcap', 'ends where it was')]
+)
+def test_a_run_that_is_stopped_says_what_it_leaves(
+    imu_bench, own_bench, tmp_path, monkeypatch, storage, left
+):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('imu_bench.cli.progress.Bar.phase', lambda bar, name: stop)
+    output = tmp_path / 'bag'
+    code, _, err = imu_bench(
+        'simulate', own_bench, '--duration', '10min', '-o', output, '--storage', storage
+    )
+    note, stopped = err.splitlines()
+    assert (code, stopped) == (130, 'imu-bench: stopped')
+    assert str(output) in note
+    assert left in note

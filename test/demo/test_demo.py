@@ -4,6 +4,7 @@
 import json
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -147,24 +148,81 @@ def test_live_metrics_equal_the_offline_ones_of_the_same_window(demo, tmp_path, 
                 assert value == pytest.approx(offline, rel=1e-9), (name, metric)
 
 
+def small_bench(path, sensors, **more):
+    """Write a bench of some of the package's sensors."""
+    entries = [{'file': str(BENCHES.parent / 'sensors' / f'{name}.yaml')} for name in sensors]
+    text = yaml.safe_dump({'name': 'small', 'sensors': entries, **more}, allow_unicode=True)
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
 def test_interrupt_stops_cleanly_and_still_analyses(tmp_path):
-    folder = tmp_path / 'run'
+    folder, sensors = tmp_path / 'run', ('mpu9250', 'scl3300')
+    bench = small_bench(tmp_path / 'small.yaml', sensors)
     with subprocess.Popen(
-        command('demo', '--duration', 600, '-o', folder),
+        command('demo', bench, '--duration', 600, '-o', folder),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True, env={**os.environ, 'IMU_BENCH_LINE_EVERY_S': '1'},
     ) as process:  # fmt: skip
+        said = []
         for line in process.stderr:
-            if ' of 600 s' in line and 'mtn1100 100' in line:
+            said.append(line)
+            if ' of 600 s' in line:  # all sensors are up
                 break
+        assert process.poll() is None, said
         os.killpg(process.pid, signal.SIGINT)
         output, complaints = process.communicate(timeout=150)
     assert process.returncode == 0, output + complaints
+    assert 'stopping\n' in complaints
+    # whatever else is said is a fault: of a thread, of ROS 2, or of a process that was killed
+    rest = [line for line in complaints.splitlines() if ' of 600 s: ' not in line]
+    assert rest[0] == 'stopping', complaints
+    assert not re.search('Traceback|Exception|did not stop|rcl', complaints), complaints
     assert (folder / 'bag' / 'metadata.yaml').is_file()
     assert (folder / 'report.html').is_file()
-    assert len(json.loads((folder / 'results.json').read_text())['recordings']) == len(SENSORS)
+    assert len(json.loads((folder / 'results.json').read_text())['recordings']) == len(sensors)
     for log in (folder / 'log').glob('*.log'):
         assert 'Traceback' not in log.read_text(encoding='utf-8'), log
+
+
+def test_a_test_of_the_bench_runs_live_on_all_sensors_at_once_and_is_analysed(tmp_path):
+    tilt = {
+        'name': 'tilt',
+        'scenarios': ['tilt_steps'],
+        'plan': 'inclination',
+        'settings': {'step': '0.58139 °', 'dwell': '1 s', 'settle': '0.2 s'},
+        'live': {'set': ['tilt_steps.steps=1', 'tilt_steps.dwell=2 s', 'tilt_steps.move=0.5 s']},
+    }
+    bench = small_bench(tmp_path / 'tilt.yaml', ('scl3300', 'iim42652'), demo='tilt', tests=[tilt])
+    folder = tmp_path / 'run'
+    result = subprocess.run(
+        command('demo', bench, '--duration', 8, '-o', folder),
+        capture_output=True, text=True, timeout=200,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert 'test tilt: scenario tilt_steps for 7 s; made short with ' in result.stdout
+    found = json.loads((folder / 'results.json').read_text(encoding='utf-8'))
+    assert found['plan'] == 'inclination'
+    (steps, *_) = [table for table in found['tables'] if 'step by step' in table['title']]
+    # the same three angles in both, although one came up before the other
+    assert len(steps['rows']) == 3
+    assert (folder / 'report.html').is_file()
+    truth = json.loads((folder / 'truth.json').read_text(encoding='utf-8'))
+    assert set(truth['sensors']) == {'scl3300', 'iim42652'}
+    assert truth['scenario']['motions'][0]['steps'] == 1
+
+
+def test_an_unknown_test_is_one_line_with_those_there_are(tmp_path):
+    result = subprocess.run(
+        command('demo', 'mast_inclination', '--test', 'tolt', '-o', tmp_path / 'run'),
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert result.returncode == 1
+    assert result.stderr == (
+        'imu-bench: error: --test tolt: bench mast_inclination has: '
+        'static, tilt, tilt_fine, heat\n'
+    )
+    assert not (tmp_path / 'run').exists()
 
 
 def test_a_folder_that_is_not_empty_is_left_alone(tmp_path):

@@ -71,10 +71,13 @@ def test_a_constant_is_exactly_itself():
     assert s.outliers.count == 0
 
 
-@pytest.mark.parametrize('memory', [0.0, 0.9, 0.99])
-def test_intervals_cover_for_correlated_noise(memory):
+@pytest.mark.parametrize(
+    ('memory', 'n'), [(0.0, 30_000), (0.9, 30_000), (0.99, 30_000), (0.99, 5000), (0.99, 4000)]
+)
+def test_intervals_cover_for_correlated_noise(memory, n):
+    """The last record is 40 correlation times long."""
     rng = np.random.default_rng(7)
-    runs, n = 300, 30_000
+    runs = 300
     inside = np.zeros(4)
     for _ in range(runs):
         s = describe(0.5 + correlated(n, memory, rng), '1')
@@ -83,6 +86,18 @@ def test_intervals_cover_for_correlated_noise(memory):
             inside[k] += e.low <= truths[k] <= e.high
     assert (inside > 0.90 * runs).all()
     assert (inside[:3] < 0.995 * runs).all()
+
+
+@pytest.mark.parametrize('blocks', [8, 64])
+@pytest.mark.parametrize('memory', [0.0, 0.3, 0.6])
+def test_bias_of_the_correlation_of_neighbours(blocks, memory):
+    """The formula that `error_of_mean` takes it off by."""
+    rng = np.random.default_rng(11)
+    off = np.array([correlated(blocks, memory, rng) for _ in range(4000)])
+    off -= off.mean(axis=1, keepdims=True)
+    found = (off[:, 1:] * off[:, :-1]).sum(axis=1) / (off**2).sum(axis=1)
+    expected = memory - (1.0 + 4.0 * memory) / blocks
+    assert found.mean() == pytest.approx(expected, abs=0.02)
 
 
 def test_sigma_over_root_n_would_promise_too_much():

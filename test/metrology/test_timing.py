@@ -323,7 +323,7 @@ def messy(seed, n=3000):
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.lists(st.integers(1, 700), min_size=1, max_size=6))
 def test_blocks_of_any_size_are_judged_like_the_whole(seed, sizes):
-    stamps = messy(seed)
+    stamps = messy(seed, 1500)
     rule = Rule.of(stamps, 1e7)
     whole = Continuity(rule)
     keep, step = whole.settle(stamps, final=True)

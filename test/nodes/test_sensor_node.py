@@ -4,6 +4,7 @@
 from dataclasses import replace
 import math
 import sys
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from imu_bench import bench
@@ -159,6 +160,28 @@ def test_a_setting_cannot_be_changed_while_it_runs(ros):
     result = ros.call(client, request).results[0]
     assert not result.successful
     assert 'read-only' in result.reason
+
+
+@pytest.mark.parametrize(('waits', 'largest'), [(True, 20.0), (False, 10.0)])
+def test_a_scenario_begins_when_the_node_is_told_unless_it_has_begun(ros, waits, largest):
+    begin = {'simulation.scenario': 'sine', 'simulation.begin': 1e10} if waits else {}
+    received = listen(ros, Imu, '/bench/left/imu/data_raw')
+    node = ros.add(SensorNode, 'left', parameters=GENERIC | begin)
+    client = ros.add(Node, 'client').create_client(
+        SetParameters, f'/bench/left/{node.get_name()}/set_parameters'
+    )
+    ros.spin_until(lambda: len(received) >= 50, 'samples at rest')
+    assert max(message.linear_acceleration.z for message in received) < 10.0
+    value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=time.time() + 0.5)
+    request = SetParameters.Request(parameters=[Parameter(name='simulation.begin', value=value)])
+    result = ros.call(client, request).results[0]
+    assert result.successful == waits
+    assert ('it began when it was switched on' in result.reason) != waits
+    received.clear()
+    ros.spin_until(lambda: len(received) >= 300, 'samples of 1.5 s')
+    # 1 g at 10 Hz on top of gravity
+    found = max(message.linear_acceleration.z for message in received)
+    assert found == pytest.approx(largest, abs=0.5)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 """Runs against one another: what is matched, and when a difference counts."""
 
 from dataclasses import replace
+from functools import lru_cache
 import json
 
 from imu_bench.errors import RecordingError
@@ -18,6 +19,7 @@ import pytest
 def sensor(recording_of, noise):
     """Return a function that analyses a sensor with this noise under this topic."""
 
+    @lru_cache
     def measured(seed, topic='/bench/chip/imu/data_raw', scale=1.0):
         samples = noise(seed, n=20_000, acceleration=2e-3 * scale, angular_velocity=1e-4)
         return analyse(recording_of(samples, topic=topic))

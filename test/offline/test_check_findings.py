@@ -51,3 +51,17 @@ def test_a_contradiction_of_the_spectrum_names_the_coefficient(recording_of, noi
     [finding] = axis_findings([changed], moved=False)
     assert finding.code == 'methods_disagree'
     assert 'N of angular_velocity.z' in finding.text
+
+
+def test_a_knock_is_no_crowd_of_tones(recording_of, noise):
+    samples = noise(10)
+    acceleration, time = np.array(samples.acceleration), np.arange(len(samples)) / 100.0
+    acceleration[:, 0] += 0.06 * np.sin(2.0 * np.pi * 7.0 * time)
+    knock = np.random.default_rng(3).normal(0.0, 1.0, (300, 3))
+    acceleration[3000:3300] += knock
+    result = analyse(recording_of(replace(samples, acceleration=acceleration)))
+    assert len(result.axes['linear_acceleration.y'].psd.tones) > 12
+    told = [f.text for f in result.health.findings if f.code == 'tones']
+    assert len(told) == 1
+    assert told[0].startswith('Tones: 7.00 Hz')
+    assert 'more' not in told[0]

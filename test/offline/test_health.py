@@ -98,6 +98,19 @@ class TestClock:
         assert found.missing == 1010
         assert [gap.missing for gap in found.gaps] == [1000, 10]
 
+    def test_scattered_losses_name_the_option(self, recording_of, noise):
+        samples = noise()
+        keep = np.random.default_rng(1).random(len(samples)) > 0.002
+        keep[0] = True
+        found = finding(health.check(recording_of(without(samples, keep))), 'gaps')
+        assert found.severity == 'warning'
+        assert 'longest are lost' in found.effect
+        assert '--min-share 0.95' in found.action
+        keep[:] = True
+        keep[5000:5400] = False
+        few = finding(health.check(recording_of(without(samples, keep))), 'gaps')
+        assert '--min-share' not in few.action
+
     def test_many_gaps_are_severe(self, recording_of, noise):
         samples = noise()
         keep = np.random.default_rng(1).random(len(samples)) > 0.2

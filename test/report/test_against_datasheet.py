@@ -68,3 +68,16 @@ def test_one_sentence_on_all_of_it():
         '4 of 6 numbers are as the datasheets say, or better; '
         'worse: b (acceleration, noise density x, y).'
     )
+
+
+def test_numbers_that_could_not_be_observed_are_counted():
+    kinds = ('not observable', 'as specified')
+    found = verdicts('a', 'linear_acceleration', 'm/s²', (None, 1e-3), kinds, 'bias instability')
+    assert against_datasheet.summary(found) == [
+        '1 of 2 numbers are as the datasheets say, or better; 1 could not be observed.'
+    ]
+
+
+def test_the_sources_of_typical_values_are_named_once():
+    found = verdicts('a', 'linear_acceleration', DENSITY, (1e-3,) * 3, SAME)
+    assert against_datasheet.sources(found) == ['a: DS 1']

@@ -2,11 +2,13 @@
 """Figures are what Bokeh would have made of them."""
 
 from dataclasses import replace
+import re
 from types import SimpleNamespace
 
-from bokeh.models import Column, GlyphRenderer
+from bokeh.models import Column, GlyphRenderer, HoverTool
 from imu_bench.offline.analyse import analyse
 from imu_bench.offline.plans.result import Image, PlanFigure, Series
+from imu_bench.offline.plotting import AXIS_COLOURS, SENSOR_COLOURS, series_colours
 from imu_bench.offline.recordings import Recording
 from imu_bench.offline.report import checks_figures, figures, plan_figures
 from imu_bench.offline.report.chart import Chart
@@ -79,14 +81,55 @@ def test_figures_of_plans(read_by_bokeh):
     kinds = ('line', 'step', 'points', 'bars')
     series = tuple(Series(kind, x, x, kind=kind, low=x - 1, high=x + 1) for kind in kinds)
     found = read_by_bokeh(
-        plan_figures.draw(PlanFigure('all', 'sensor', 'value', series, categories=('a', 'b', 'c')))
+        plan_figures.draw(
+            PlanFigure('all', 'sensor', 'level in mg', series, categories=('a', 'b', 'c')),
+            SENSOR_COLOURS[:4],
+        )
     )
     _columns_are_there(found.renderers)
     assert found.xaxis[0].major_label_overrides == {0: 'a', 1: 'b', 2: 'c'}
+    tips = [dict(tool.tooltips) for tool in found.toolbar.tools if isinstance(tool, HoverTool)]
+    assert len(tips) == len(kinds)
+    assert all(tip['level in mg'] == '@y{%.5g}' and tip['sensor'] == '@category' for tip in tips)
     image = Image(np.array([[1.0, np.nan], [2.0, 3.0]]), (0.0, 1.0), (0.0, 2.0), 'level')
-    found = read_by_bokeh(plan_figures.draw(PlanFigure('map', 'x', 'y', (), image=image)))
+    found = read_by_bokeh(plan_figures.draw(PlanFigure('map', 'x', 'y', (), image=image), ()))
     _columns_are_there(found.renderers)
     assert found.right[0].color_mapper is found.renderers[0].glyph.color_mapper
+
+
+def test_a_long_line_of_a_plan_can_be_pointed_at(read_by_bokeh):
+    x = np.arange(1000.0)
+    figure = PlanFigure('long', 'time in s', 'speed in m/s', (Series('a', x, x),))
+    found = read_by_bokeh(plan_figures.draw(figure, ['#123456']))
+    (tool,) = [tool for tool in found.toolbar.tools if isinstance(tool, HoverTool)]
+    assert tool.formatters == {'@x': 'printf', '@y': 'printf'}
+    assert [renderer.glyph.line_color for renderer in tool.renderers] == ['#123456']
+
+
+def test_every_number_under_the_pointer_is_formatted_and_has_a_unit(axes, result, read_by_bokeh):
+    for figure in (
+        figures.allan(axes),
+        figures.spectrum(axes),
+        figures.histogram(axes),
+        figures.intervals(result),
+    ):
+        found = read_by_bokeh(figure)
+        tools = [tool for tool in found.toolbar.tools if isinstance(tool, HoverTool)]
+        assert tools
+        for tool in tools:
+            for _, shown in tool.tooltips:
+                assert re.search(r'@\w+\{%\.\dg\}$', shown) is None, shown
+            fields = set(re.findall(r'@\w+(?=\{%)', ' '.join(text for _, text in tool.tooltips)))
+            assert fields == set(tool.formatters)
+
+
+def test_a_sensor_has_one_colour_on_a_page():
+    first, second, letters, mixed = series_colours(
+        [['a', 'b', 'c'], ['c z', 'b z'], ['z', 'x set', 'x'], ['a x', 'a y']]
+    )
+    assert second == [first[2], first[1]]
+    assert letters == [AXIS_COLOURS['z'], AXIS_COLOURS['x'], AXIS_COLOURS['x']]
+    assert len(set(mixed)) == 2
 
 
 def test_numbers_are_in_single_precision(read_by_bokeh):

@@ -70,3 +70,8 @@ def test_memory_stays_bounded_however_long_it_lasts():
 def test_a_band_that_is_none_is_refused(band):
     with pytest.raises(ConfigError, match='no band'):
         RandomVibration((1.0, 1.0, 1.0), *band)
+
+
+def test_what_does_not_shake_has_no_band_to_warn_of():
+    assert RandomVibration((0.0, 1.0, 0.0), 200.0, 2000.0).bands
+    assert not RandomVibration((0.0, 0.0, 0.0), 200.0, 2000.0).bands

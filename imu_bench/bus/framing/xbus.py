@@ -77,6 +77,11 @@ def encode(mid: int, data: bytes = b'') -> bytes:
     """
     Return the frame of a message.
 
+    Raises
+    ------
+    FrameError
+        If the data are too long.
+
     Examples
     --------
     >>> encode(Mid.GO_TO_CONFIG).hex(' ')

@@ -8,6 +8,7 @@ Matplotlib is an optional dependency: nothing here is imported before somebody a
 from __future__ import annotations
 
 from importlib import util
+import logging
 
 from imu_bench.errors import ConfigError
 
@@ -28,3 +29,5 @@ def require() -> None:
             '--figures needs matplotlib, which is not installed: '
             "pip install matplotlib (or the extra 'figures' of imu_bench)"
         )
+    # that it keeps its fonts elsewhere, where the home cannot be written to, changes no figure
+    logging.getLogger('matplotlib').setLevel(logging.ERROR)

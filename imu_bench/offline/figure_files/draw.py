@@ -4,18 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from imu_bench.offline.axis_result import AxisResult
-from imu_bench.offline.figure_files.style import canvas, HEIGHT, logarithmic
+from imu_bench.offline.figure_files.style import canvas, HEIGHT, legend_above, logarithmic, MARKERS
 from imu_bench.offline.plotting import (
     allan_unit,
     allan_view,
     AXIS_COLOURS,
     AXIS_DASHES,
+    AXIS_MARKERS,
     density_unit,
     density_view,
     drawable,
+    Drawn,
     FAINT,
+    few,
     INK,
     level_unit,
     model_parts,
@@ -49,7 +53,10 @@ def allan(axes: Sequence[AxisResult]) -> Figure:
         ax.fill_between(
             curve.tau, curve.low * factor, curve.high * factor, color=colour, alpha=0.16, lw=0
         )
-        ax.plot(curve.tau, curve.deviation * factor, color=colour, marker='o', label=axis.letter)
+        ax.plot(
+            curve.tau, curve.deviation * factor, color=colour, label=axis.letter,
+            marker=MARKERS[AXIS_MARKERS[axis.letter]],
+        )  # fmt: skip
         _model(ax, axis, factor, colour)
     logarithmic(ax, _TAU, f'Allan deviation in {unit}', allan_view(drawn, unit))
     level = f'{100.0 * drawn[0].allan.confidence:g} % interval' if drawn[0].allan else 'interval'
@@ -59,7 +66,7 @@ def allan(axes: Sequence[AxisResult]) -> Figure:
         Line2D([], [], color=FAINT, ls=':', lw=0.9, label='its terms'),
     ]
     handles, _ = ax.get_legend_handles_labels()
-    ax.legend(handles=[*handles, *extra], ncols=2)
+    legend_above(ax, [*handles, *extra])
     return figure
 
 
@@ -79,27 +86,30 @@ def spectrum(axes: Sequence[AxisResult]) -> Figure:
     unit = density_unit(drawn)
     figure, [ax] = canvas()
     for axis in drawn:
-        _density(ax, axis, unit, AXIS_COLOURS[axis.letter], '-', axis.letter)
+        size = 0 if axis.psd is None else axis.psd.frequency.size
+        _density(
+            ax, axis, unit, axis.letter,
+            color=AXIS_COLOURS[axis.letter], marker=MARKERS[AXIS_MARKERS[axis.letter]],
+            markevery=few(size),
+        )  # fmt: skip
         level = axis.noise_density
         if level.value is not None:
             height = convert(level.value, level.unit, unit)
             ax.axhline(height, color=AXIS_COLOURS[axis.letter], ls='--', lw=0.9)
     logarithmic(ax, _FREQUENCY, f'amplitude density in {unit}', density_view(drawn, unit))
     handles, _ = ax.get_legend_handles_labels()
-    white = Line2D([], [], color=FAINT, ls='--', lw=0.9, label='√2 N of the Allan deviation')
-    ax.legend(handles=[*handles, white], ncols=2)
+    white = Line2D([], [], color=FAINT, ls='--', lw=0.9, label='√2 N (Allan)')
+    legend_above(ax, [*handles, white])
     return figure
 
 
-def _density(
-    ax: Axes, axis: AxisResult, unit: str, colour: str, dash: str, label: str | None
-) -> None:
+def _density(ax: Axes, axis: AxisResult, unit: str, label: str | None, **look: Any) -> None:
     psd = axis.psd
     if psd is None:
         return
     shown = psd.density > 0.0
     height = np.sqrt(psd.density[shown]) * convert(1.0, f'{axis.unit}/√Hz', unit)
-    ax.plot(psd.frequency[shown], height, color=colour, ls=dash, lw=0.9, label=label)
+    ax.plot(psd.frequency[shown], height, lw=0.9, label=label, **look)
 
 
 def time_series(axes: Sequence[AxisResult], recording: RecordingResult) -> Figure:
@@ -138,16 +148,15 @@ def histogram(axes: Sequence[AxisResult]) -> Figure:
         edges, total = (found.edges - mean) * factor, found.count.sum()
         colour = AXIS_COLOURS[axis.letter]
         width = np.diff(edges)
-        ax.stairs(found.count / total / width, edges, fill=True, color=colour, alpha=0.25,
+        ax.stairs(100.0 * found.count / total / width, edges, fill=True, color=colour, alpha=0.25,
                   label=axis.letter)  # fmt: skip
         middle = 0.5 * (edges[1:] + edges[:-1])
-        ax.plot(middle, found.expected / total / width, color=colour, lw=1.0)
+        ax.plot(middle, 100.0 * found.expected / total / width, color=colour, lw=1.0)
     handles, _ = ax.get_legend_handles_labels()
     normal = Line2D([], [], color=FAINT, lw=1.0, label='normal of the same σ')
-    ax.legend(handles=[*handles, normal])
+    legend_above(ax, [*handles, normal])
     ax.set_xlabel(f'deviation from the mean in {unit}')
-    inverse = f'1/({unit})' if '/' in unit else f'1/{unit}'
-    ax.set_ylabel(f'probability density in {inverse}')
+    ax.set_ylabel(f'share in % per {unit}')
     ax.set_ylim(bottom=0.0)
     return figure
 
@@ -156,17 +165,17 @@ def compare_allan(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
 ) -> Figure:
     """Return the Allan deviations of all sensors: one colour each, one dash pattern per axis."""
-    rows = [row for row in of_all(recordings, labels, quantity) if drawable(row[2])]
-    axes = [axis for _, _, axis in rows]
+    rows = [row for row in of_all(recordings, labels, quantity) if drawable(row.axis)]
+    axes = [row.axis for row in rows]
     unit = allan_unit(axes)
     figure, [ax] = canvas(height=HEIGHT * 1.15)
-    for _, colour, axis in rows:
-        if axis.allan is not None:
-            height = axis.allan.deviation * convert(1.0, axis.unit, unit)
-            ax.plot(axis.allan.tau, height, color=colour, ls=AXIS_DASHES[axis.letter], lw=1.1)
+    for row in rows:
+        if row.axis.allan is not None:
+            height = row.axis.allan.deviation * convert(1.0, row.axis.unit, unit)
+            ax.plot(row.axis.allan.tau, height, lw=1.1, **_look(row, height.size))
     label = f'Allan deviation of {_SIGNALS[quantity]} in {unit}'
     logarithmic(ax, _TAU, label, allan_view(axes, unit))
-    _sensors_legend(ax, [(label, colour) for label, colour, _ in rows])
+    _sensors_legend(ax, rows)
     return figure
 
 
@@ -174,27 +183,38 @@ def compare_spectrum(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
 ) -> Figure:
     """Return the amplitude densities of all sensors."""
-    rows = [row for row in of_all(recordings, labels, quantity) if row[2].psd is not None]
-    axes = [axis for _, _, axis in rows]
+    rows = [row for row in of_all(recordings, labels, quantity) if row.axis.psd is not None]
+    axes = [row.axis for row in rows]
     unit = density_unit(axes)
     figure, [ax] = canvas(height=HEIGHT * 1.15)
-    for _, colour, axis in rows:
-        _density(ax, axis, unit, colour, AXIS_DASHES[axis.letter], None)
+    for row in rows:
+        size = 0 if row.axis.psd is None else row.axis.psd.frequency.size
+        _density(ax, row.axis, unit, None, **_look(row, size))
     label = f'density of {_SIGNALS[quantity]} in {unit}'
     logarithmic(ax, _FREQUENCY, label, density_view(axes, unit))
-    _sensors_legend(ax, [(label, colour) for label, colour, _ in rows])
+    _sensors_legend(ax, rows)
     return figure
 
 
-def _sensors_legend(ax: Axes, sensors: Sequence[tuple[str, str]]) -> None:
-    """Add a legend of sensors by colour and of axes by dash, above the plot."""
+def _look(row: Drawn, size: int) -> dict[str, Any]:
+    """Return colour and marker of the sensor and dashes of the axis."""
+    return {
+        'color': row.colour,
+        'ls': AXIS_DASHES[row.axis.letter],
+        'marker': MARKERS[row.marker],
+        'markevery': few(size),
+        'ms': 3.5,
+    }
+
+
+def _sensors_legend(ax: Axes, rows: Sequence[Drawn]) -> None:
+    """Add a legend of sensors by colour and marker and of axes by dash, above the plot."""
+    sensors = dict.fromkeys((row.label, row.colour, row.marker) for row in rows)
     handles = [
-        Line2D([], [], color=colour, label=label) for label, colour in dict.fromkeys(sensors)
+        Line2D([], [], color=colour, marker=MARKERS[marker], ms=3.5, label=label)
+        for label, colour, marker in sensors
     ]
     handles += [
         Line2D([], [], color=FAINT, ls=dash, label=letter) for letter, dash in AXIS_DASHES.items()
     ]
-    ax.legend(
-        handles=handles, ncols=min(len(handles), 5), loc='lower left', bbox_to_anchor=(0.0, 1.0),
-        borderaxespad=0.3,
-    )  # fmt: skip
+    legend_above(ax, handles)

@@ -3,13 +3,20 @@
 
 from __future__ import annotations
 
-from itertools import cycle
+from collections.abc import Sequence
 import os
 from pathlib import Path
 
-from imu_bench.offline.figure_files.style import canvas, file_names, look, plain_numbers, save
+from imu_bench.offline.figure_files.style import (
+    canvas,
+    file_names,
+    legend_above,
+    look,
+    plain_numbers,
+    save,
+)
 from imu_bench.offline.plans.result import Image, PlanFigure, PlanResult, Series
-from imu_bench.offline.plotting import bar_places, INK, SENSOR_COLOURS
+from imu_bench.offline.plotting import bar_places, INK, series_colours
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
@@ -29,20 +36,21 @@ def write(result: PlanResult, folder: str | os.PathLike[str]) -> list[Path]:
     target = Path(folder)
     target.mkdir(exist_ok=True)
     stems = file_names(f'{result.plan}-{figure.title}' for figure in result.figures)
+    colours = series_colours([[s.label for s in figure.series] for figure in result.figures])
     written: list[Path] = []
     with look():
-        for figure, stem in zip(result.figures, stems, strict=True):
-            written += save(draw(figure), target, stem)
+        for figure, stem, chosen in zip(result.figures, stems, colours, strict=True):
+            written += save(draw(figure, chosen), target, stem)
     return written
 
 
-def draw(figure: PlanFigure) -> Figure:
-    """Return one figure."""
+def draw(figure: PlanFigure, colours: Sequence[str]) -> Figure:
+    """Return one figure, with one colour for each of its series."""
     paper, (ax,) = canvas()
     if figure.image is not None:
         _image(paper, ax, figure.image)
     bars = [series for series in figure.series if series.kind == 'bars']
-    for series, colour in zip(figure.series, cycle(SENSOR_COLOURS)):
+    for series, colour in zip(figure.series, colours, strict=True):
         place = bar_places(len(bars), bars.index(series)) if series in bars else (0.0, 0.0)
         _series(ax, series, colour, place)
     for axis, logarithmic in ((ax.xaxis, figure.log_x), (ax.yaxis, figure.log_y)):
@@ -56,7 +64,8 @@ def draw(figure: PlanFigure) -> Figure:
         ax.set_xticks(range(len(figure.categories)), figure.categories, rotation=turned)
         ax.grid(axis='x', visible=False)
     if any(series.label for series in figure.series):
-        ax.legend(ncols=3, loc='lower left', bbox_to_anchor=(0.0, 1.0))
+        handles, _ = ax.get_legend_handles_labels()
+        legend_above(ax, handles)
     return paper
 
 

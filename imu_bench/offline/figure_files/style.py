@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 import re
 from typing import Any
 
 from imu_bench.offline.notation import number
+from imu_bench.offline.whole_files import whole
 from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -19,9 +21,21 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 SUFFIXES = ('svg', 'pdf', 'png')
 
-WIDTH, HEIGHT = 6.3, 3.7  # inches: the text width of an A4 page, 16 cm
+WIDTH, HEIGHT = 4.7, 3.0  # inches: 12 cm, between a column of 8 cm and a page of 16 cm
 
-_DPI = 200
+MARKERS = {
+    'circle': 'o',
+    'square': 's',
+    'triangle': '^',
+    'diamond': 'D',
+    'inverted_triangle': 'v',
+    'plus': 'P',
+    'x': 'X',
+}
+"""Names of markers on the page, and in matplotlib."""
+
+_DPI = 300
+_LETTER, _HANDLE = 0.062, 0.42  # inches: of a legend
 _FEW_DECADES = 50.0  # ratio of the ends of an axis
 _STYLE: dict[str, Any] = {
     'font.family': 'DejaVu Sans',  # comes with matplotlib, and has √, µ and °
@@ -44,7 +58,7 @@ _STYLE: dict[str, Any] = {
     'legend.fontsize': 8,
     'legend.frameon': False,
     'lines.linewidth': 1.2,
-    'lines.markersize': 2.5,
+    'lines.markersize': 2.8,
     'savefig.dpi': _DPI,
     'svg.fonttype': 'path',
     'svg.hashsalt': 'imu_bench',  # the same figure is the same file
@@ -71,12 +85,17 @@ def canvas(rows: int = 1, height: float = HEIGHT) -> tuple[Figure, list[Axes]]:
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write a figure in every format and return the files."""
+    layout = figure.get_layout_engine()
+    if layout is not None:  # once, not anew for each format
+        layout.execute(figure)
+        figure.set_layout_engine('none')
     written = []
     for suffix in SUFFIXES:
         path = folder / f'{name}.{suffix}'
         # no date: the same results give the same files
         dates = {'svg': {'Date': None}, 'pdf': {'CreationDate': None}}
-        figure.savefig(path, metadata=dates.get(suffix))
+        with whole(path) as draft:
+            figure.savefig(draft, metadata=dates.get(suffix))
         written.append(path)
     return written
 
@@ -95,6 +114,16 @@ def logarithmic(ax: Axes, x_label: str, y_label: str, view: tuple[float, float] 
     if high < _FEW_DECADES * low:  # too few powers of ten in sight to read a value by
         ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.grid(which='minor', color='#f0f2f5', linewidth=0.4)
+
+
+def legend_above(ax: Axes, handles: Sequence[Artist]) -> None:
+    """Put a legend above the plot, where it covers no data, in as many columns as have room."""
+    widest = max(len(str(handle.get_label())) for handle in handles)
+    columns = int((WIDTH - 0.6) / (_HANDLE + _LETTER * widest))
+    ax.legend(
+        handles=handles, ncols=max(1, min(columns, len(handles))), loc='lower left',
+        bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, columnspacing=1.2, handlelength=1.8,
+    )  # fmt: skip
 
 
 def plain_numbers(axis: Axis) -> None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.health.finding import Finding
@@ -16,10 +16,14 @@ _MAINS_HZ = (50.0, 60.0, 100.0, 120.0)
 _MAINS_WIDTH = 0.01  # relative; covers the clock of the sensor, mains itself is held to 0.4 %
 _STRONG = 0.1  # share of the variance of the axis
 _NAMED = 4
+_CROWD = 12
+"""Tones of one axis: a knock has a spectrum of its own, and each of its lines looks like one."""
 
 
 def tone_findings(
-    tones: Mapping[str, Sequence[tuple[Estimate, Estimate]]], std: Mapping[str, float]
+    tones: Mapping[str, Sequence[tuple[Estimate, Estimate]]],
+    std: Mapping[str, float],
+    unsteady: Collection[str] = (),
 ) -> Iterator[Finding]:
     """
     Yield one finding for all tones of a recording.
@@ -30,6 +34,8 @@ def tone_findings(
         Frequency and amplitude of each tone, by axis.
     std : mapping of str to float
         Standard deviation, by axis.
+    unsteady : collection of str
+        Axes whose noise changed: of a crowd of tones on them only the strong ones count.
     """
     rows = []
     for axis, found in tones.items():
@@ -37,6 +43,8 @@ def tone_findings(
             if frequency.value is None or amplitude.value is None or not std[axis]:
                 continue
             share = 0.5 * (amplitude.value / std[axis]) ** 2
+            if axis in unsteady and len(found) > _CROWD and share <= _STRONG:
+                continue
             rows.append((share, frequency.value, amplitude, axis))
     if not rows:
         return

@@ -13,6 +13,7 @@ import numpy as np
 
 _FEW_MISSING, _MANY_MISSING = 1e-3, 0.05  # share of the true time grid
 _JITTER, _HEAVY_JITTER = 0.1, 0.5  # of the sample period
+_SCATTERED = 10  # gaps: fewer leave a stretch of a tenth of the recording
 _SHORT_S = 60.0
 _CLOCK_OFFSET_S = 1.0
 _LOOKED_AT = 1 << 20  # samples: medians of more are no better
@@ -24,6 +25,7 @@ def timing_findings(timing: Timing, origin_ns: int) -> Iterator[Finding]:
     if timing.gaps:
         share = timing.missing / (timing.missing + timing.samples)
         severe, some = share > _MANY_MISSING, share > _FEW_MISSING
+        scattered = timing.gap_count >= _SCATTERED and not severe
         longest = max(timing.gaps, key=lambda gap: gap.duration_s)
         yield Finding(
             'severe' if severe else 'warning' if some else 'info',
@@ -31,17 +33,18 @@ def timing_findings(timing: Timing, origin_ns: int) -> Iterator[Finding]:
             f'{count(timing.gap_count, "gap")}, {count(timing.missing, "sample")} missing '
             f'({percent(share)}); the longest lasts {duration(longest.duration_s)} at '
             f't = {duration((longest.start_ns - origin_ns) * 1e-9)}.',
-            'Only complete windows are used, so nothing is biased; long averaging times have '
-            'wider intervals.',
-            'Look for an overloaded bus, network or disk; record again if the gaps are not rare.',
+            'Unless asked otherwise, only complete windows are used, so nothing is biased; long '
+            'averaging times have '
+            'wider intervals' + (', and the longest are lost.' if scattered else '.'),
+            'Look for an overloaded bus, network or disk; record again if the gaps are not rare'
+            + ('; --min-share 0.95 lets averages lack a few samples.' if scattered else '.'),
         )
     if timing.duplicates:
         share = timing.duplicates / timing.samples
         yield Finding(
             'warning' if share > _FEW_MISSING else 'info',
             'duplicates',
-            f'{count(timing.duplicates, "sample")} ({percent(share)}) wear the stamp of the '
-            'sample before.',
+            f'{count(timing.duplicates, "stamp")} ({percent(share)}) equal to the one before.',
             'All but the first of each are left out of the analysis.',
             'Check that the driver stamps every sample, not every transfer.',
         )
@@ -49,7 +52,7 @@ def timing_findings(timing: Timing, origin_ns: int) -> Iterator[Finding]:
         yield Finding(
             'warning',
             'order',
-            f'{count(timing.order_faults, "stamp")} step back in time.',
+            f'{count(timing.order_faults, "step")} back in time.',
             'These samples are left out; if the clock was set during the test, what follows is '
             'shifted.',
             'Use a monotonic clock for stamps, and switch off time synchronisation jumps.',

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 import json
 import math
 import os
-from pathlib import Path
 from typing import Any
 
 from imu_bench import __version__
@@ -20,6 +19,7 @@ from imu_bench.errors import DataError
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.failure import Failure
 from imu_bench.offline.health import Finding
+from imu_bench.offline.whole_files import write_text
 import numpy as np
 import numpy.typing as npt
 
@@ -229,4 +229,4 @@ def write(result: PlanResult, path: str | os.PathLike[str]) -> None:
         If the file cannot be written.
     """
     text = json.dumps(result.to_json(), ensure_ascii=False, allow_nan=False, indent=1)
-    Path(path).write_text(text + '\n', encoding='utf-8')
+    write_text(path, text + '\n')

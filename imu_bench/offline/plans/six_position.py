@@ -13,6 +13,7 @@ from pathlib import Path
 
 from imu_bench.config.schema import Setting
 from imu_bench.errors import os_error_text, RecordingError
+from imu_bench.metrology.six_position import Calibration
 from imu_bench.offline.health import Finding
 from imu_bench.offline.notation import text
 from imu_bench.offline.plans.common import named
@@ -22,6 +23,7 @@ from imu_bench.offline.plans.faces.tables import figures, tables
 from imu_bench.offline.plans.plan import Plan
 from imu_bench.offline.plans.result import PlanResult
 from imu_bench.offline.recordings import Recording
+from imu_bench.offline.whole_files import write_text
 from imu_bench.units import DEGREE, STANDARD_GRAVITY
 import numpy as np
 
@@ -99,7 +101,7 @@ class SixPosition(Plan[tuple[Calibrated, ...]]):
             )
         path = Path(self.settings['yaml'])
         try:
-            path.write_text(parameters(chosen[0]), encoding='utf-8')
+            write_text(path, parameters(chosen[0]))
         except OSError as error:
             raise RecordingError(f'--set yaml: {os_error_text(error)}') from error
         return f'The correction of {chosen[0].topic} is in {path}.'
@@ -127,7 +129,14 @@ def _summary(name: str, sensor: Calibrated) -> Iterator[str]:
             f'{axis} {text(bias, "°/s")}'
             for axis, bias in zip('xyz', sensor.gyroscope.bias, strict=True)
         )
-        yield f'{name}: gyroscope bias {rates}.'
+        yield f'{name}: gyroscope bias {rates}; {_turned(sensor.gyroscope)}.'
+
+
+def _turned(gyroscope: Calibration) -> str:
+    """Say what the turns tell about the scale of a gyroscope."""
+    scales = list(zip('xyz', gyroscope.scale_error, strict=True))
+    known = [f'{axis} {text(scale, "%")}' for axis, scale in scales if scale.observable]
+    return f'scale error {", ".join(known)}' if known else 'scale not known, for it was not turned'
 
 
 def _findings(name: str, sensor: Calibrated, plan: SixPosition) -> Iterator[Finding]:
@@ -140,12 +149,14 @@ def _findings(name: str, sensor: Calibrated, plan: SixPosition) -> Iterator[Find
         )  # fmt: skip
     if sensor.gyroscope is not None and sensor.gyroscope.matrix is None:
         scales = zip('xyz', sensor.gyroscope.scale_error, strict=True)
-        absent = ', '.join(axis for axis, scale in scales if not scale.observable)
+        absent = [axis for axis, scale in scales if not scale.observable]
+        these = '' if len(absent) == len(sensor.gyroscope.scale_error) else ' about these axes'
         angle = np.degrees(plan.settings['turn'][0])
         yield Finding(
             'info', 'turns_missing',
-            f'{name}: no turn about {absent} by a multiple of {angle:g}° between still positions.',
-            'The scale of the gyroscope about it is not known.',
+            f'{name}: no turn about {", ".join(absent)} by a multiple of {angle:g}° '
+            'between still positions.',
+            f'The bias of the gyroscope is known, its scale and misalignment{these} are not.',
             'Turn the sensor about the vertical on each face; for another angle, --set turn.',
         )  # fmt: skip
     limit = _LARGE * plan.settings['gravity'][0]

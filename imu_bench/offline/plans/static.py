@@ -20,7 +20,7 @@ from imu_bench.metrology.spectrum import density_from_sigma
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.comparison import labels, ratio, typical_of
 from imu_bench.offline.health import Finding
-from imu_bench.offline.notation import readable_unit, short, text
+from imu_bench.offline.notation import number, readable_unit, short, text
 from imu_bench.offline.plans.plan import NoisePlan
 from imu_bench.offline.plans.result import Cell, Column, PlanFigure, PlanResult, Series, Table
 from imu_bench.offline.plotting import drawable
@@ -36,6 +36,8 @@ _TERMS = {
     'K': ('rate random walk K (table 5.6)', 'Slope +1/2 of the Allan deviation.'),
 }
 _RATE_DIGITS = 7
+_MEMORY = 10.0
+"""Samples; what is forgotten sooner is the filter of the sensor, or a tone, and no bias."""
 _DRIFTS = ('autocorrelation', 'allan_fit', 'bias_instability')
 
 
@@ -190,7 +192,7 @@ def _unit(role: str, estimates: Sequence[Estimate]) -> str:
 
 
 def _coefficients(title: str, term: str, note: str, sensors: Sequence[_Sensor]) -> Table:
-    found = {s.label: {a.letter: getattr(a.model, term) for a in s.axes} for s in sensors}
+    found = {s.label: {a.letter: a.coefficient(term) for a in s.axes} for s in sensors}
     unit = _unit(term, [e for axes in found.values() for e in axes.values()])
     rows = tuple((label, *(axes.get(letter) for letter in 'xyz')) for label, axes in found.items())
     return Table(title, (Column('sensor'), *(Column(x, unit) for x in 'xyz')), rows, note)
@@ -202,7 +204,9 @@ def _correlation(title: str, sensors: Sequence[_Sensor]) -> Table:
         for axis in sensor.axes:
             drift = axis.checks.drift if axis.checks else None
             models = {} if drift is None else drift.models
-            name = next((n for n in _DRIFTS if n in models and models[n].T_c.value), '')
+            shortest = _MEMORY / (sensor.result.health.rate.value or math.inf)
+            slow = [n for n, model in models.items() if (model.T_c.value or 0.0) > shortest]
+            name = next((n for n in _DRIFTS if n in slow), '')
             cells: tuple[Cell, ...] = (None, None, 'no drift seen')
             if name:
                 cells = (models[name].T_c, models[name].sigma, name.replace('_', ' '))
@@ -212,7 +216,10 @@ def _correlation(title: str, sensors: Sequence[_Sensor]) -> Table:
     columns = (
         Column('sensor, axis'), Column('T_c', 's'), Column('σ', unit), Column('found by', ''),
     )  # fmt: skip
-    note = 'First-order Gauss-Markov process: the autocorrelation falls to σ²/e after T_c.'
+    note = (
+        'First-order Gauss-Markov process: the autocorrelation falls to σ²/e after T_c. '
+        'A memory of ten samples or less is that of a filter, and left out.'
+    )
     return Table(title, columns, tuple(rows), note)
 
 
@@ -256,7 +263,8 @@ def _summary(quantity: Quantity, sensors: Sequence[_Sensor]) -> Iterator[str]:
         f'{text(best[2].white_density, unit)}'
     )
     if best is not worst:
-        line += f'; {worst[1]} {worst[2].letter} the most, {worst[0] / best[0]:.3g} times as much'
+        ratio = number(worst[0] / best[0], 3)
+        line += f'; {worst[1]} {worst[2].letter} the most, {ratio} times as much'
     yield f'{line}.'
 
 

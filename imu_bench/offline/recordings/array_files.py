@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+import math
 from pathlib import Path
+import struct
 from typing import Any
 import zipfile
+import zlib
 
 from imu_bench.errors import RecordingError
-from imu_bench.offline.mapped import attach, Place
+from imu_bench.offline.mapped import attach, Place, Shelf
 import numpy as np
 import numpy.typing as npt
 
@@ -19,6 +22,16 @@ NPY_MAGIC = b'\x93NUMPY'
 ZIP_MAGIC = b'PK\x03\x04'
 _MATLAB_5, _MATLAB_7 = b'MATLAB 5.0 MAT-file', b'MATLAB 7.3 MAT-file'
 MAGIC_SIZE = len(_MATLAB_5)
+
+MATLAB_BYTES = 512 << 20
+"""Most that a variable of a .mat file may take in memory."""
+
+_MATLAB_HEADER, _TAG, _COMPRESSED, _EDGE = 128, 8, 15, 1 << 10
+_NUMERIC = frozenset(
+    ['double', 'single', 'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64', 'uint64']
+)
+_LONGEST = 8
+"""Bytes of the longest number."""
 
 _STEP = 1 << 20
 _RATIO = 1032
@@ -106,36 +119,81 @@ def unzipped(path: Path, folder: Path) -> Arrays:
     return arrays
 
 
-def matlab(path: Path) -> Arrays:
+def matlab(path: Path, folder: Path) -> Arrays:
     """
-    Return the numeric arrays of a .mat file, those in structs by their field; read as a whole.
+    Return the numeric arrays of a .mat file, those in structs by their field.
+
+    One variable after the other is read as a whole and put into files in a folder.
 
     Raises
     ------
     RecordingError
-        If the file is damaged, or of version 7.3.
+        If the file is damaged, of version 7.3, or a variable takes more than `MATLAB_BYTES`.
     """
     from scipy.io import loadmat  # only this format needs it
 
+    found: Arrays = {}
+    shelf = Shelf(folder)
     try:
-        content = loadmat(str(path), simplify_cells=True)
+        for key, size in _variables(path).items():
+            if size > MATLAB_BYTES:
+                raise RecordingError(
+                    f'{path}: variable {key} takes {size >> 20} MiB, and those of MATLAB are read '
+                    f'in one piece up to {MATLAB_BYTES >> 20}: save its columns as variables of '
+                    'their own, or the recording as CSV or .npy'
+                )
+            entry = loadmat(str(path), variable_names=[key], simplify_cells=True).get(key)
+            for name, value in _leaves(key, entry):
+                found[name] = shelf.put(value)
     except NotImplementedError as problem:
         raise RecordingError(
             f'{path}: a MATLAB file of version 7.3 (HDF5) is not read: save it again with '
             "save(file, '-v7')"
         ) from problem
-    except MemoryError:
+    except (MemoryError, RecordingError):
         raise
     except Exception as problem:  # scipy raises whatever a damaged file leads it to
         reason = ' '.join(str(problem).split()) or type(problem).__name__
         raise RecordingError(f'{path}: damaged, or no MATLAB file: {reason}') from problem
-    found = {
-        name: value
-        for key, entry in content.items()
-        if not key.startswith('__')
-        for name, value in _leaves(key, entry)
-    }
     return _shortened(found)
+
+
+def _variables(path: Path) -> dict[str, int]:
+    """Return the variables of a .mat file and about how many bytes each takes in memory."""
+    from scipy.io import whosmat
+
+    stored = list(_element_sizes(path))
+    described = whosmat(str(path))
+    if len(stored) != len(described):  # of version 4, or damaged: whatever is not known is 0
+        stored = [0] * len(described)
+    # a matrix is stored in the smallest integers that hold it, and read as what it is
+    return {
+        name: max(size, _LONGEST * math.prod(shape) if kind in _NUMERIC else 0)
+        for (name, shape, kind), size in zip(described, stored, strict=True)
+    }
+
+
+def _element_sizes(path: Path) -> Iterator[int]:
+    """
+    Yield the bytes of every variable of a MATLAB file of version 5 to 7, unpacked.
+
+    MathWorks, MAT-File Format, version 5: a header of 128 bytes, then elements with a tag of
+    two numbers of 4 bytes, type and size; what is compressed begins with the tag of the matrix
+    in it.
+    """
+    end = path.stat().st_size
+    with path.open('rb') as file:
+        header = file.read(_MATLAB_HEADER)
+        order = '<' if header.endswith(b'IM') else '>'
+        place = file.tell()
+        while header.startswith(_MATLAB_5) and place + _TAG <= end:
+            file.seek(place)
+            kind, size = struct.unpack(f'{order}II', file.read(_TAG))
+            place += _TAG + size
+            if kind == _COMPRESSED:
+                tag = zlib.decompressobj().decompress(file.read(_EDGE), _TAG)
+                size = struct.unpack(f'{order}II', tag)[1]
+            yield size
 
 
 def _leaves(name: str, value: object) -> Iterator[tuple[str, npt.NDArray[Any]]]:
@@ -143,7 +201,7 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, npt.NDArray[Any]]]:
     if isinstance(value, Mapping):
         for key, entry in value.items():
             yield from _leaves(f'{name}.{key}', entry)
-    elif isinstance(value, np.ndarray):
+    elif isinstance(value, np.ndarray) and value.dtype.kind in 'iuf' and value.size:
         yield name, value
 
 

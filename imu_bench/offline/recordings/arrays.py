@@ -12,10 +12,10 @@ from typing import Any
 import weakref
 
 from imu_bench.errors import RecordingError
+from imu_bench.offline.mapped import release
 from imu_bench.offline.recordings import array_files
 from imu_bench.offline.recordings.array_files import Arrays
-from imu_bench.offline.recordings.columns import assign, Column, recognise, VECTORS
-from imu_bench.offline.recordings.gathering import PIECE
+from imu_bench.offline.recordings.columns import assign, Column, INERTIAL, recognise, VECTORS
 from imu_bench.offline.recordings.layout import Layout
 from imu_bench.offline.recordings.options import ReadOptions
 from imu_bench.offline.recordings.source import Chunk, Source, Topic
@@ -24,6 +24,11 @@ import numpy as np
 import numpy.typing as npt
 
 _FEW = 16
+_BLOCK = 1 << 16
+"""Rows that are read at once."""
+
+_RELEASED = 4 * _BLOCK
+
 _OURS = {
     'stamps': 'stamp [ns]',
     'acceleration': 'linear_acceleration',
@@ -50,7 +55,7 @@ def open_arrays(path: Path, options: ReadOptions) -> Source:
     else:
         with path.open('rb') as file:
             form = array_files.kind(path, file.read(array_files.MAGIC_SIZE))
-        if form == 'npz':
+        if form != 'npy':
             unpacked = Path(mkdtemp(prefix='imu_bench_'))
     try:
         if not path.is_dir():
@@ -64,9 +69,8 @@ def open_arrays(path: Path, options: ReadOptions) -> Source:
 
 def _read(path: Path, form: str, folder: Path | None) -> Arrays:
     if folder is not None:
-        return array_files.unzipped(path, folder)
-    if form == 'mat':
-        return array_files.matlab(path)
+        read = array_files.matlab if form == 'mat' else array_files.unzipped
+        return read(path, folder)
     name = path.stem if recognise(f'{path.stem}_x') is not None else ''
     return {name: array_files.mapped(path)}
 
@@ -112,8 +116,8 @@ class _Reader:
         self, topics: Collection[Topic], problems: list[str]
     ) -> Iterator[tuple[str, Chunk]]:
         size = self._columns[0].size
-        for start in range(0, size, PIECE):
-            part = slice(start, min(start + PIECE, size))
+        for start in range(0, size, _BLOCK):
+            part = slice(start, min(start + _BLOCK, size))
             values = np.empty((part.stop - start, len(self._used)))
             for place, column in enumerate(self._used):
                 values[:, place] = self._columns[column.index][part]
@@ -124,6 +128,8 @@ class _Reader:
             except RecordingError as problem:
                 raise RecordingError(f'{self._path}: {problem}') from problem
             yield self._path.stem, chunk_of(self._used, values, stamps)
+            if start % _RELEASED == 0:
+                release()  # reading is faster than whoever watches the pages
 
     def close(self) -> None:
         if self._cleaning is not None:
@@ -148,7 +154,7 @@ class _Reader:
 def _table(
     path: Path, arrays: Arrays
 ) -> tuple[tuple[str, ...], list[npt.NDArray[Any]], list[str]]:
-    """Return labels and columns of all arrays that are as long as most, and notes on others."""
+    """Return labels and columns of one length, that of most inertial ones, and notes on others."""
     found = [
         labelled for name, array in _named(arrays).items() for labelled in _split(name, array)
     ]
@@ -158,12 +164,19 @@ def _table(
             f'{path}: no columns of numbers in it; a table of MATLAB must be saved as arrays '
             '(table2array) or as a struct of arrays'
         )
+    inertial = Counter(column.size for label, column in found if _is_inertial(label))
+    lengths = inertial or lengths
     size = max(lengths, key=lambda length: (lengths[length], length))
     left_out = [label for label, column in found if column.size != size]
     notes = [f'{path.name}: not used, being of another length: {", ".join(left_out)}']
     kept = [(label, column) for label, column in found if column.size == size]
     labels = tuple(label for label, _ in kept)
     return labels, [column for _, column in kept], notes if left_out else []
+
+
+def _is_inertial(label: str) -> bool:
+    meaning = recognise(label)
+    return meaning is not None and meaning[0].partition('.')[0] in INERTIAL
 
 
 def _named(arrays: Arrays) -> Arrays:

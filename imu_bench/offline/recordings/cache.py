@@ -28,6 +28,9 @@ import numpy as np
 LARGE = 8 << 20
 """Bytes of a recording from which its columns go to disk."""
 
+_MANY = 1 << 20
+"""Samples from which they do so as well: what hardly changes takes few bytes, compressed."""
+
 SCHEMA = 'imu_bench.columns/2'
 _INDEX = 'columns.json'
 _FIELDS = ('acceleration', 'angular_velocity', 'magnetic_field', 'temperature')
@@ -86,9 +89,10 @@ def columns(
     """
     if not path.exists() or sum(map(stored_bytes, _files(path, options))) < LARGE:
         with open_source(path, options) as source:
-            found = load_all(source, source.select(options.topics), progress)
-            yield Read(found, source.problems)
-        return
+            topics = source.select(options.topics)
+            if sum(topic.count for topic in topics) < _MANY:
+                yield Read(load_all(source, topics, progress), source.problems)
+                return
     if keep is None:
         folder = Path(mkdtemp(prefix='imu_bench_'))
         try:

@@ -35,6 +35,8 @@ def find_recordings(path: str | Path) -> tuple[Path, ...]:
     try:
         if not place.exists():
             raise RecordingError(f'{place}: no such file or folder')
+        if not (place.is_file() or place.is_dir()):  # opening a pipe may wait for ever
+            raise RecordingError(f'{place}: neither a file nor a folder; write it to a file first')
         found = tuple(_search(place)) if place.is_dir() else (place,)
     except OSError as problem:
         raise RecordingError(

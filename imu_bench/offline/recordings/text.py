@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from imu_bench.bags.problems import INCOMPLETE, Problem
@@ -80,6 +80,14 @@ def _meaning(path: Path, layout: Layout, options: ReadOptions) -> tuple[list[Col
     return columns, [f'{path.name}: {known.note}', *notes]
 
 
+@dataclass
+class _Skipped:
+    """Lines that are no rows: how many, and which is the first."""
+
+    lines: int = 0
+    first: str = ''
+
+
 class _Reader:
     def __init__(self, parts: list[Part], columns: list[Column], rate_hz: float | None) -> None:
         self._parts = parts
@@ -95,7 +103,7 @@ class _Reader:
     def chunks(
         self, topics: Collection[Topic], problems: list[str]
     ) -> Iterator[tuple[str, Chunk]]:
-        bad: list[str] = []
+        bad = _Skipped()
         inertial = np.array([column.quantity in INERTIAL for column in self._columns])
         merger = Merger(inertial) if self._sparse() else None
         for values, stamps in self._rows(bad):
@@ -111,10 +119,10 @@ class _Reader:
                 f'{self._path.name}: the columns are filled in different rows: '
                 f'{merger.rows} rows were joined into {merger.samples} samples'
             )
-        if bad:
+        if bad.lines:
             words = (
-                f'{self._path.name}: {len(bad)} lines of the table are no rows and were skipped, '
-                f'the first is {bad[0]}'
+                f'{self._path.name}: {bad.lines} lines of the table are no rows and were skipped, '
+                f'the first is {bad.first}'
             )
             problems.append(Problem(words, INCOMPLETE))
 
@@ -128,7 +136,7 @@ class _Reader:
         return self._stamp is not None and min(shares) < _DENSE
 
     def _rows(
-        self, bad: list[str]
+        self, bad: _Skipped
     ) -> Iterator[tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]]:
         """Yield values in SI and stamps in ns, block by block."""
         wanted = [column.index for column in self._columns]
@@ -142,7 +150,9 @@ class _Reader:
             of = f' of {part.path.name}' if len(self._parts) > 1 else ''
             for block in cells.blocks(part.path, part.layout.start):
                 rows = cells.parse(block, part.layout, wanted, stamp, lines)
-                bad.extend(f'its line {number + 1}{of}' for number in rows.bad)
+                if rows.bad:
+                    bad.first = bad.first or f'its line {rows.bad[0] + 1}{of}'
+                    bad.lines += len(rows.bad)
                 with np.errstate(over='ignore', invalid='ignore'):
                     values = rows.values[:, : factors.size] * factors
                 yield values, self._stamps(rows, before)

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.comparison import Verdict
-from imu_bench.offline.notation import number, readable_unit, short
+from imu_bench.offline.notation import number, readable_unit
+from imu_bench.offline.report.text import numbers
 
 _ORDER = ('worse', 'better', 'as specified', 'not observable')
 _SIGNALS = {'linear_acceleration': 'acceleration', 'angular_velocity': 'angular velocity'}
@@ -23,6 +24,7 @@ class Line(NamedTuple):
     measured: str
     typical: str
     unit: str
+    spread: str
     ratio: str
     verdict: str
     kind: str
@@ -43,6 +45,14 @@ def lines(verdicts: Sequence[Verdict], doubtful: Collection[str] = ()) -> list[L
     return [_line(group, group[0].label in doubtful) for group in _groups(verdicts)]
 
 
+def sources(verdicts: Sequence[Verdict]) -> list[str]:
+    """Return where the typical values of each sensor come from."""
+    found: dict[str, list[str]] = {}
+    for verdict in verdicts:
+        found.setdefault(verdict.label, []).append(verdict.source)
+    return [f'{label}: {"; ".join(dict.fromkeys(said))}' for label, said in found.items()]
+
+
 def summary(verdicts: Sequence[Verdict]) -> list[str]:
     """Return one sentence, or none without a datasheet."""
     if not verdicts:
@@ -54,7 +64,10 @@ def summary(verdicts: Sequence[Verdict]) -> list[str]:
     ]
     good = sum(verdict.verdict in ('as specified', 'better') for verdict in verdicts)
     said = f'{good} of {len(verdicts)} numbers are as the datasheets say, or better'
-    return [f'{said}; worse: {", ".join(worse)}.' if worse else f'{said}.']
+    said += f'; worse: {", ".join(worse)}' if worse else ''
+    unseen = sum(verdict.verdict == 'not observable' for verdict in verdicts)
+    said += f'; {unseen} could not be observed' if unseen else ''
+    return [f'{said}.']
 
 
 def _groups(verdicts: Sequence[Verdict]) -> list[list[Verdict]]:
@@ -69,11 +82,13 @@ def _line(group: Sequence[Verdict], doubtful: bool) -> Line:
     first = group[0]
     role = 'density' if first.parameter == 'noise density' else 'B'
     unit = readable_unit(first.measured.unit, role, [verdict.typical for verdict in group])
+    measured = numbers([verdict.measured for verdict in group], unit)
     return Line(
         label=first.label,
         parameter=_name(first),
         axes=' / '.join(verdict.axis.rpartition('.')[2] for verdict in group),
-        measured=' / '.join(short(verdict.measured.to(unit)) for verdict in group),
+        measured=measured.shown,
+        spread=measured.spread,
         typical=' / '.join(dict.fromkeys(_typical(verdict, unit) for verdict in group)),
         unit=unit,
         ratio=' / '.join(_ratio(verdict) for verdict in group),

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
+import re
 from typing import Any
 
 from imu_bench.offline.plotting import FAINT, INK
@@ -12,8 +14,11 @@ from imu_bench.offline.report.models import glyph, Model, Value
 HEIGHT = 360
 
 _NARROW, _ENTRY, _LETTER = 310.0, 34.0, 6.5  # px: plot on a phone, legend entry, letter
+_ROW = 20  # px: each row of a legend but the first makes the figure higher
 _RULE, _FINE_RULE, _AXIS_LINE = '#dde2e8', '#f0f2f5', '#b6bec8'
 _FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif'
+_PRINTF = re.compile(r'([@$]\w+)\{%')
+_MAJOR, _MINOR = 'return imuBenchTicks(cb_data).major', 'return imuBenchTicks(cb_data).minor'
 _LOOK = {
     'axis_label_text_font': _FONT,
     'axis_label_text_font_style': 'normal',
@@ -103,8 +108,14 @@ class Chart:
         self._center.append(shade)
 
     def hover(self, renderers: Sequence[Model], lines: Sequence[tuple[str, str]]) -> None:
-        """Show values under the pointer."""
-        self._tools.append(Model('HoverTool', renderers=list(renderers), tooltips=list(lines)))
+        """Show values under the pointer; numbers are formatted as in C: '@value{%.4g} mg'."""
+        formats = {name: 'printf' for _, shown in lines for name in _PRINTF.findall(shown)}
+        self._tools.append(
+            Model(
+                'HoverTool',
+                renderers=list(renderers), tooltips=list(lines), formatters=formats,
+            )
+        )  # fmt: skip
 
     def finish(self) -> Model:
         """Return the figure, with a legend in the order in which things were drawn."""
@@ -121,7 +132,9 @@ class Chart:
                 label_text_font_size='12px', label_text_color=INK, glyph_width=18,
                 glyph_height=12, padding=2, margin=2, spacing=14, label_standoff=4,
             )  # fmt: skip
-            self.figure.set(above=[legend])
+            rows = math.ceil(len(self._legend) / legend.settings['ncols'])
+            height = self.figure.settings['height'] + _ROW * (rows - 1)
+            self.figure.set(above=[legend], height=height)
         return self.figure
 
 
@@ -129,7 +142,8 @@ def _axis(label: str, log: bool) -> Model:
     if not log:
         ticks, words = Model('BasicTicker'), Model('BasicTickFormatter')
         return Model('LinearAxis', axis_label=label, ticker=ticks, formatter=words, **_LOOK)
-    ticks = Model('LogTicker', num_minor_ticks=10, mantissas=[1, 5])
+    # Bokeh's own has equal steps below two decades: 500 and 1000, and nothing from 40 to 500
+    ticks = Model('CustomJSTicker', major_code=_MAJOR, minor_code=_MINOR)
     words = Model('LogTickFormatter', min_exponent=4)
     return Model('LogAxis', axis_label=label, ticker=ticks, formatter=words, **_LOOK)
 

@@ -39,8 +39,8 @@ def noise_over_time(axes: Sequence[AxisResult], recording: RecordingResult) -> M
         line = chart.line(source, 'time', 'noise', axis.letter, color=colour, width=1.6)
         chart.hover(
             [line],
-            [(axis.letter, '@noise{0.0} % (@low{0.0} to @high{0.0})'),
-             ('time', f'@time{{0.00}} {clock}'), ('at τ', f'{steady.tau:.3g} s')],
+            [(axis.letter, '@noise{%.4g} % (@low{%.4g} to @high{%.4g} %)'),
+             ('time', f'@time{{%.4g}} {clock}'), ('at τ', f'{steady.tau:.3g} s')],
         )  # fmt: skip
     return chart.finish()
 
@@ -74,8 +74,8 @@ def tracked_bias(axes: Sequence[AxisResult], recording: RecordingResult) -> Mode
         line = chart.line(source, 'time', 'bias', axis.letter, color=colour, width=1.6)
         chart.hover(
             [line],
-            [(axis.letter, f'@bias{{0.000}} {unit}'), ('average', f'@measured{{0.000}} {unit}'),
-             ('time', f'@time{{0.00}} {clock}')],
+            [(axis.letter, f'@bias{{%.4g}} {unit}'), ('average', f'@measured{{%.4g}} {unit}'),
+             ('time', f'@time{{%.4g}} {clock}')],
         )  # fmt: skip
     return chart.finish()
 

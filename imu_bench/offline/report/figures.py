@@ -13,10 +13,13 @@ from imu_bench.offline.plotting import (
     allan_view,
     AXIS_COLOURS,
     AXIS_DASHES,
+    AXIS_MARKERS,
     density_unit,
     density_view,
     drawable,
+    Drawn,
     FAINT,
+    few,
     INK,
     level_unit,
     model_parts,
@@ -79,7 +82,7 @@ def allan(axes: Sequence[AxisResult]) -> Model:
         chart.band(source, 'tau', 'low', 'high', colour, axis.letter)
         chart.line(source, 'tau', 'deviation', axis.letter, color=colour, width=1.8)
         dots = chart.draw(
-            glyph('Scatter', _AT, size=4, fill_color=colour, line_color=None),
+            _dots(AXIS_MARKERS[axis.letter], 5, colour),
             source,
             axis.letter,
         )
@@ -98,7 +101,9 @@ def spectrum(axes: Sequence[AxisResult]) -> Model:
     unit = density_unit(axes)
     chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log_x=True, log_y=True)
     for axis in drawn:
-        _density(chart, axis, unit, AXIS_COLOURS[axis.letter], axis.letter, 'solid')
+        colour = AXIS_COLOURS[axis.letter]
+        _density(chart, axis, unit, colour, axis.letter, 'solid')
+        _mark_density(chart, Drawn(axis.letter, colour, AXIS_MARKERS[axis.letter], axis), unit)
     for axis in drawn:
         _white_level(chart, axis, unit)
     for axis in drawn:
@@ -110,8 +115,8 @@ def spectrum(axes: Sequence[AxisResult]) -> Model:
 def histogram(axes: Sequence[AxisResult]) -> Model:
     """Return the distribution of each axis about its mean, and the normal one of the same σ."""
     unit = level_unit(axes)
-    chart = Chart(f'deviation from the mean in {unit}', 'relative frequency')
-    _no_scale(chart)
+    chart = Chart(f'deviation from the mean in {unit}', f'share in % per {unit}')
+    chart.figure.set(y_range=Model('DataRange1d', start=0))
     for axis in axes:
         _bars(chart, axis, unit)
     for axis in axes:
@@ -121,16 +126,19 @@ def histogram(axes: Sequence[AxisResult]) -> Model:
 
 def intervals(recording: RecordingResult) -> Model:
     """Return the distribution of the intervals between samples."""
-    chart = Chart('interval between samples in ms', 'relative frequency', height=_LOW)
-    _no_scale(chart)
+    chart = Chart('interval between samples in ms', 'share in %', height=_LOW)
+    chart.figure.set(y_range=Model('DataRange1d', start=0))
     found = recording.intervals
     if found is not None:
         at = 1e3 * found.edges
-        source = columns(left=at[:-1], right=at[1:], count=found.count / found.count.max())
-        edges = {'left': 'left', 'right': 'right', 'top': 'count'}
+        source = columns(left=at[:-1], right=at[1:], share=100.0 * found.count / found.count.sum())
+        edges = {'left': 'left', 'right': 'right', 'top': 'share'}
         quad = glyph('Quad', edges, bottom=0, fill_color=FAINT, line_color=None)
         bars = chart.draw(quad, source)
-        chart.hover([bars], [('interval', '@left{0.000} to @right{0.000} ms')])
+        chart.hover(
+            [bars],
+            [('interval', '@left{%.5g} to @right{%.5g} ms'), ('share', '@share{%.3g} %')],
+        )
     return chart.finish()
 
 
@@ -138,15 +146,21 @@ def compare_allan(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
 ) -> Model:
     """Return the Allan deviations of all sensors: one colour each, one dash pattern per axis."""
-    rows = [row for row in of_all(recordings, labels, quantity) if drawable(row[2])]
-    unit = allan_unit([axis for _, _, axis in rows])
+    rows = [row for row in of_all(recordings, labels, quantity) if drawable(row.axis)]
+    axes = [row.axis for row in rows]
+    unit = allan_unit(axes)
     chart = Chart(_TAU, f'Allan deviation in {unit}', log_x=True, log_y=True, height=_TALL)
-    for label, colour, axis in rows:
-        source = _curve(axis, unit)
-        dash = AXIS_DASHES[axis.letter]
-        line = chart.line(source, 'tau', 'deviation', label, color=colour, width=1.5, dash=dash)
-        chart.hover([line], _curve_tooltips(f'{label} {axis.letter}', unit))
-    _show(chart, allan_view([axis for _, _, axis in rows], unit))
+    for row in rows:
+        source = _curve(row.axis, unit)
+        line = chart.line(
+            source, 'tau', 'deviation', row.label,
+            color=row.colour, width=1.5, dash=AXIS_DASHES[row.axis.letter],
+        )  # fmt: skip
+        chart.hover([line], _curve_tooltips(f'{row.label} {row.axis.letter}', unit))
+        if (curve := row.axis.allan) is not None:
+            height = curve.deviation * convert(1.0, row.axis.unit, unit)
+            _mark(chart, row, curve.tau, height)
+    _show(chart, allan_view(axes, unit))
     return chart.finish()
 
 
@@ -154,12 +168,14 @@ def compare_spectrum(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
 ) -> Model:
     """Return the amplitude densities of all sensors."""
-    rows = [row for row in of_all(recordings, labels, quantity) if row[2].psd is not None]
-    unit = density_unit([axis for _, _, axis in rows])
+    rows = [row for row in of_all(recordings, labels, quantity) if row.axis.psd is not None]
+    axes = [row.axis for row in rows]
+    unit = density_unit(axes)
     chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log_x=True, log_y=True, height=_TALL)
-    for label, colour, axis in rows:
-        _density(chart, axis, unit, colour, label, AXIS_DASHES[axis.letter])
-    _show(chart, density_view([axis for _, _, axis in rows], unit))
+    for row in rows:
+        _density(chart, row.axis, unit, row.colour, row.label, AXIS_DASHES[row.axis.letter])
+        _mark_density(chart, row, unit)
+    _show(chart, density_view(axes, unit))
     return chart.finish()
 
 
@@ -167,6 +183,24 @@ def height_of(model: Model) -> int:
     """Return the height in px that the page must keep free for a figure."""
     parts = model.settings.get('children')
     return sum(map(height_of, parts)) if parts else int(model.settings.get('height', HEIGHT))
+
+
+def _dots(marker: str, size: int, colour: str) -> Model:
+    style = {'fill_color': colour, 'line_color': colour if marker in ('plus', 'x') else None}
+    return glyph('Scatter', _AT, marker=marker, size=size, **style)
+
+
+def _mark(chart: Chart, row: Drawn, x: Floats, y: Floats) -> None:
+    """Mark a few points of a curve with the shape of its sensor or axis."""
+    shown = np.flatnonzero(y > 0.0)[few(len(x))]
+    source = columns(tau=x[shown], deviation=y[shown])
+    chart.draw(_dots(row.marker, 6, row.colour), source, row.label)
+
+
+def _mark_density(chart: Chart, row: Drawn, unit: str) -> None:
+    if (psd := row.axis.psd) is not None:
+        height = np.sqrt(psd.density) * convert(1.0, f'{row.axis.unit}/√Hz', unit)
+        _mark(chart, row, psd.frequency, height)
 
 
 def _trace(strip: Chart, axis: AxisResult, unit: str, clock: str) -> None:
@@ -180,7 +214,7 @@ def _trace(strip: Chart, axis: AxisResult, unit: str, clock: str) -> None:
     source = columns(time=time, value=centred)
     line = strip.line(source, 'time', 'value', '', color=AXIS_COLOURS[axis.letter])
     strip.hover(
-        [line], [('time', f'@time{{0.000}} {clock}'), (axis.letter, f'@value{{0.000}} {unit}')]
+        [line], [('time', f'@time{{%.4g}} {clock}'), (axis.letter, f'@value{{%.4g}} {unit}')]
     )
 
 
@@ -193,9 +227,15 @@ def _bars(chart: Chart, axis: AxisResult, unit: str) -> None:
         'Quad', {'left': 'left', 'right': 'right', 'top': 'share'}, bottom=0, line_color=None,
         fill_color=AXIS_COLOURS[axis.letter], fill_alpha=0.22,
     )  # fmt: skip
-    share = found.count / found.count.sum() / np.diff(edges)
+    share = 100.0 * found.count / found.count.sum() / np.diff(edges)
     bars = chart.draw(quad, columns(left=edges[:-1], right=edges[1:], share=share), axis.letter)
-    chart.hover([bars], [(axis.letter, f'@left{{0.000}} to @right{{0.000}} {unit}')])
+    chart.hover(
+        [bars],
+        [
+            (axis.letter, f'@left{{%.4g}} to @right{{%.4g}} {unit}'),
+            ('share', f'@share{{%.3g}} % per {unit}'),
+        ],
+    )
 
 
 def _normal(chart: Chart, axis: AxisResult, unit: str) -> None:
@@ -204,7 +244,8 @@ def _normal(chart: Chart, axis: AxisResult, unit: str) -> None:
         return
     edges = _centred_edges(axis, found, unit)
     source = columns(
-        x=0.5 * (edges[1:] + edges[:-1]), y=found.expected / found.count.sum() / np.diff(edges)
+        x=0.5 * (edges[1:] + edges[:-1]),
+        y=100.0 * found.expected / found.count.sum() / np.diff(edges),
     )
     chart.line(source, 'x', 'y', 'normal', color=AXIS_COLOURS[axis.letter], width=1.5)
 
@@ -228,9 +269,9 @@ def _curve(axis: AxisResult, unit: str) -> Model:
 
 def _curve_tooltips(title: str, unit: str) -> list[tuple[str, str]]:
     return [
-        (title, f'@deviation{{0.0000}} {unit}'),
-        ('interval', '@low{0.0000} to @high{0.0000}'),
-        ('τ', '@tau{0.000} s'),
+        (title, f'@deviation{{%.4g}} {unit}'),
+        ('interval', f'@low{{%.4g}} to @high{{%.4g}} {unit}'),
+        ('τ', '@tau{%.4g} s'),
         ('noise', '@noise'),
     ]
 
@@ -268,7 +309,7 @@ def _density(
     source = columns(frequency=psd.frequency[shown], density=height)
     line = chart.line(source, 'frequency', 'density', label, color=colour, width=1.3, dash=dash)
     title = label if label == axis.letter else f'{label} {axis.letter}'
-    chart.hover([line], [(title, f'@density{{0.000}} {unit}'), ('f', '@frequency{0.000} Hz')])
+    chart.hover([line], [(title, f'@density{{%.4g}} {unit}'), ('f', '@frequency{%.4g} Hz')])
 
 
 def _white_level(chart: Chart, axis: AxisResult, unit: str) -> None:
@@ -309,10 +350,3 @@ def _tones(chart: Chart, axis: AxisResult, unit: str) -> None:
 def _show(chart: Chart, view: tuple[float, float] | None) -> None:
     if view is not None:
         chart.figure.set(y_range=Model('Range1d', start=view[0], end=view[1]))
-
-
-def _no_scale(chart: Chart) -> None:
-    """Leave only the shape to the vertical axis."""
-    chart.y_axis.set(ticker=Model('FixedTicker', ticks=[]))
-    chart.y_grid.set(visible=False)
-    chart.figure.set(y_range=Model('DataRange1d', start=0))

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import datetime, timezone
 import os
-from pathlib import Path
 from typing import Any
 
 from imu_bench.offline import comparison
@@ -19,13 +18,18 @@ from imu_bench.offline.report import (
     checks_text,
     figures,
     pasted,
+    summary,
     text,
 )
 from imu_bench.offline.report.document import page, Places
 from imu_bench.offline.results import Analysis, RecordingResult
+from imu_bench.offline.whole_files import write_text
 from imu_bench.samples import IMU_QUANTITIES, Quantity
 
 _BEFORE_CLOCKS = 2000  # stamps of an earlier year are seconds since power-up, not a date
+
+
+_STAMP_S = 1e-8  # intervals that differ by less than ten steps of a stamp show nothing
 
 
 def render(analysis: Analysis) -> str:
@@ -35,7 +39,8 @@ def render(analysis: Analysis) -> str:
     Everything that comes from a recording (topics, frames, file names, notes)
     is escaped by the template engine.
     """
-    compared = comparison.compare(analysis.recordings, str(analysis.settings.get('reference', '')))
+    reference, sheets = (analysis.settings.get(name) for name in ('reference', 'datasheets'))
+    compared = comparison.compare(analysis.recordings, str(reference or ''), sheets)
     collected = Places()
     together = _together(analysis.recordings, compared, collected)
     sensors = [
@@ -47,14 +52,18 @@ def render(analysis: Analysis) -> str:
         for recording, label in zip(analysis.recordings, compared.labels, strict=True)
         if recording.health.severity != 'info'
     }
+    judged = {verdict.label for verdict in compared.verdicts}
     return page(
         'page.html',
         collected,
         title=_title(compared),
         version=analysis.version,
-        summary=text.summary(analysis, compared),
+        summary=summary.sentences(analysis, compared),
+        reference=compared.reference,
         rankings=text.rankings(analysis, compared),
         judgements=against_datasheet.lines(compared.verdicts, doubtful),
+        sheets=against_datasheet.sources(compared.verdicts),
+        unjudged=[name for name in compared.labels if name not in judged],
         failures=analysis.failures,
         sensors=sensors,
         together=together,
@@ -70,7 +79,7 @@ def write(analysis: Analysis, path: str | os.PathLike[str]) -> None:
     OSError
         If the file cannot be written.
     """
-    Path(path).write_text(render(analysis), encoding='utf-8')
+    write_text(path, render(analysis))
 
 
 def _sensor(recording: RecordingResult, label: str, collected: Places) -> dict[str, Any]:
@@ -121,7 +130,8 @@ def _section(recording: RecordingResult, quantity: Quantity, collected: Places) 
 
 
 def _intervals(recording: RecordingResult, collected: Places) -> list[dict[str, str]]:
-    if recording.intervals is None:
+    found = recording.intervals
+    if found is None or found.edges[-1] - found.edges[0] < _STAMP_S:
         return []
     return [collected.add(figures.intervals(recording), 'Intervals between samples')]
 

@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from itertools import cycle
+from collections.abc import Sequence
+from typing import Any
 
 from imu_bench.offline.plans.result import Floats, Image, PlanFigure, Series
-from imu_bench.offline.plotting import bar_places, SENSOR_COLOURS
+from imu_bench.offline.plotting import bar_places, INK
 from imu_bench.offline.report.chart import Chart
 from imu_bench.offline.report.models import columns, Field, glyph, Model
 import numpy as np
@@ -16,8 +17,8 @@ _FEW = 400
 """Points that are drawn as dots one can point at."""
 
 
-def draw(figure: PlanFigure) -> Model:
-    """Return a figure of a plan."""
+def draw(figure: PlanFigure, colours: Sequence[str]) -> Model:
+    """Return a figure of a plan, with one colour for each of its series."""
     chart = Chart(
         figure.x_label,
         figure.y_label,
@@ -25,59 +26,60 @@ def draw(figure: PlanFigure) -> Model:
         log_y=figure.log_y,
     )
     if figure.image is not None:
-        _image(chart, figure.image)
+        _image(chart, figure, figure.image)
     bars = [series for series in figure.series if series.kind == 'bars']
-    for series, colour in zip(figure.series, cycle(SENSOR_COLOURS)):
+    for series, colour in zip(figure.series, colours, strict=True):
         if series.kind == 'bars':
-            _bars(chart, series, colour, bar_places(len(bars), bars.index(series)))
+            _bars(chart, figure, series, colour, bar_places(len(bars), bars.index(series)))
         elif series.kind == 'points':
-            _points(chart, series, colour)
+            _points(chart, figure, series, colour)
         else:
-            _line(chart, series, colour)
+            _line(chart, figure, series, colour)
     if figure.categories:
         _name(chart, figure.categories)
     return chart.finish()
 
 
-def _source(series: Series, x: Floats | None = None) -> Model:
-    arrays = {'x': series.x if x is None else x, 'y': series.y}
+def _source(figure: PlanFigure, series: Series, x: Floats | None = None) -> Model:
+    arrays: dict[str, Any] = {'x': series.x if x is None else x, 'y': series.y}
+    if figure.categories:
+        arrays['category'] = [figure.categories[round(place)] for place in series.x]
     if series.low is not None and series.high is not None:
         arrays |= {'low': series.low, 'high': series.high}
     return columns(**arrays)
 
 
-def _line(chart: Chart, series: Series, colour: str) -> None:
-    source = _source(series)
+def _line(chart: Chart, figure: PlanFigure, series: Series, colour: str) -> None:
+    source = _source(figure, series)
     if series.low is not None and series.high is not None:
         chart.band(source, 'x', 'low', 'high', colour, series.label)
     style = {'line_color': colour, 'line_width': 1.6}
     style |= {'line_dash': 'dashed'} if series.dashed else {}
-    if series.kind == 'step':
-        chart.draw(glyph('Step', _AT, mode='after', **style), source, series.label)
-    else:
-        style = {name.removeprefix('line_'): setting for name, setting in style.items()}
-        chart.line(source, 'x', 'y', series.label, **style)
+    line = glyph('Step', _AT, mode='after', **style) if series.kind == 'step' else None
+    drawn = chart.draw(line or glyph('Line', _AT, **style), source, series.label)
     if len(series.x) <= _FEW:
         dots = glyph('Scatter', _AT, size=4, fill_color=colour, line_color=None)
-        renderer = chart.draw(dots, source, series.label)
-        chart.hover([renderer], _tips(series))
+        drawn = chart.draw(dots, source, series.label)
+    chart.hover([drawn], _tips(figure, series))
 
 
-def _points(chart: Chart, series: Series, colour: str) -> None:
-    source = _source(series)
+def _points(chart: Chart, figure: PlanFigure, series: Series, colour: str) -> None:
+    source = _source(figure, series)
     _whiskers(chart, source, series, colour)
     fill = None if series.dashed else colour
     dots = glyph('Scatter', _AT, size=6, fill_color=fill, line_color=colour)
-    chart.hover([chart.draw(dots, source, series.label)], _tips(series))
+    chart.hover([chart.draw(dots, source, series.label)], _tips(figure, series))
 
 
-def _bars(chart: Chart, series: Series, colour: str, place: tuple[float, float]) -> None:
+def _bars(
+    chart: Chart, figure: PlanFigure, series: Series, colour: str, place: tuple[float, float]
+) -> None:
     offset, width = place
-    source = _source(series, series.x + offset)
+    source = _source(figure, series, series.x + offset)
     style = {'fill_color': colour, 'line_color': None, 'fill_alpha': 0.85}
     bar = glyph('VBar', {'x': 'x', 'top': 'y'}, width=width, **style)
-    chart.hover([chart.draw(bar, source, series.label)], _tips(series))
-    _whiskers(chart, source, series, '#1f2933')
+    chart.hover([chart.draw(bar, source, series.label)], _tips(figure, series))
+    _whiskers(chart, source, series, INK)
 
 
 def _whiskers(chart: Chart, source: Model, series: Series, colour: str) -> None:
@@ -86,14 +88,16 @@ def _whiskers(chart: Chart, source: Model, series: Series, colour: str) -> None:
         chart.draw(glyph('Segment', ends, line_color=colour, line_width=1.2), source, series.label)
 
 
-def _tips(series: Series) -> list[tuple[str, str]]:
-    tips = [(series.label or 'value', '@y{0.00000}'), ('at', '@x{0.0000}')]
+def _tips(figure: PlanFigure, series: Series) -> list[tuple[str, str]]:
+    place = '@category' if figure.categories else '@x{%.5g}'
+    tips = [(series.label, '')] if series.label else []
+    tips += [(figure.y_label, '@y{%.5g}'), (figure.x_label, place)]
     if series.low is not None:
-        tips.append(('interval', '@low{0.00000} to @high{0.00000}'))
+        tips.append(('interval', '@low{%.5g} to @high{%.5g}'))
     return tips
 
 
-def _image(chart: Chart, image: Image) -> None:
+def _image(chart: Chart, figure: PlanFigure, image: Image) -> None:
     from bokeh.palettes import Viridis256  # a quarter of a second, for few figures
 
     finite = image.values[np.isfinite(image.values)]
@@ -113,7 +117,14 @@ def _image(chart: Chart, image: Image) -> None:
         x_range=Model('Range1d', start=left, end=right),
         y_range=Model('Range1d', start=bottom, end=top),
     )
-    chart.hover([renderer], [('at', '$x, $y'), (image.label, '@image')])
+    chart.hover(
+        [renderer],
+        [
+            (figure.x_label, '$x{%.4g}'),
+            (figure.y_label, '$y{%.4g}'),
+            (image.label, '@image{%.3g}'),
+        ],
+    )
     bar = Model(
         'ColorBar',
         color_mapper=mapper, title=image.label, ticker=Model('BasicTicker'), width=10, padding=4,

@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Any
 
 from imu_bench import __version__
 from imu_bench.offline.notation import number
 from imu_bench.offline.plans import shown
 from imu_bench.offline.plans.result import PlanResult, Table
+from imu_bench.offline.plotting import series_colours
 from imu_bench.offline.report import plan_figures
 from imu_bench.offline.report.document import page, Places
+from imu_bench.offline.whole_files import write_text
 from imu_bench.units import convert
 
 _NAMED_SOURCES = 12
@@ -22,7 +23,11 @@ _DIGITS = 6
 def render(result: PlanResult) -> str:
     """Return the report as one HTML document without any reference to the outside."""
     collected = Places()
-    figures = [collected.add(plan_figures.draw(figure), figure.title) for figure in result.figures]
+    colours = series_colours([[s.label for s in figure.series] for figure in result.figures])
+    figures = [
+        collected.add(plan_figures.draw(figure, chosen), figure.title)
+        for figure, chosen in zip(result.figures, colours, strict=True)
+    ]
     more = len(result.sources) - _NAMED_SOURCES
     return page(
         'plan.html',
@@ -47,7 +52,7 @@ def write(result: PlanResult, path: str | os.PathLike[str]) -> None:
     OSError
         If the file cannot be written.
     """
-    Path(path).write_text(render(result), encoding='utf-8')
+    write_text(path, render(result))
 
 
 def _table(table: Table) -> dict[str, Any]:

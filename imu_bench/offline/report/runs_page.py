@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Any
 
 from imu_bench import __version__
@@ -13,6 +12,7 @@ from imu_bench.offline.across import Across
 from imu_bench.offline.plotting import drawable
 from imu_bench.offline.report import figures, text
 from imu_bench.offline.report.document import page, Places
+from imu_bench.offline.whole_files import write_text
 from imu_bench.samples import IMU_QUANTITIES
 
 
@@ -39,7 +39,7 @@ def write(across: Across, path: str | os.PathLike[str]) -> None:
     OSError
         If the file cannot be written.
     """
-    Path(path).write_text(render(across), encoding='utf-8')
+    write_text(path, render(across))
 
 
 def _sensor(across: Across, name: str, collected: Places) -> dict[str, Any]:

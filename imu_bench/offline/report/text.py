@@ -23,11 +23,14 @@ from imu_bench.offline.notation import (
     text,
     value_text,
 )
-from imu_bench.offline.report import against_datasheet
 from imu_bench.offline.results import Analysis, RecordingResult
 from imu_bench.samples import IMU_QUANTITIES
 
 SENSOR_NAMES = {'linear_acceleration': 'accelerometer', 'angular_velocity': 'gyroscope'}
+NO_CONSTANTS = (
+    'shows no constant signal (its spectrum falls off towards low frequencies), so that bias '
+    'instability and random walk mean nothing'
+)
 SIGNAL_NAMES = {'linear_acceleration': 'Acceleration', 'angular_velocity': 'Angular velocity'}
 
 
@@ -48,88 +51,16 @@ class Column(NamedTuple):
     cells: list[Cell]
 
 
-def summary(analysis: Analysis, comparison: Comparison) -> list[str]:
-    """Return what the whole run says, a sentence each."""
-    lines = [_recorded(analysis.recordings)]
-    for quantity, rows in comparison.standings.items():
-        # a sensor that moved is not loud: compare those that can be compared
-        sound = [r for r in rows if analysis.recordings[r.index].health.severity != 'severe']
-        lines.extend(_quietest(SENSOR_NAMES[quantity], sound or rows))
-    lines.extend(against_datasheet.summary(comparison.verdicts))
-    lines.append(_health_line(analysis.recordings, comparison.labels))
-    lines.extend(_unseen(analysis.recordings, comparison.labels))
-    return lines
-
-
-def _recorded(recordings: Sequence[RecordingResult]) -> str:
-    """Return how much was recorded."""
-    samples = count(sum(r.health.samples for r in recordings), 'sample')
-    seconds = [recording.health.duration_s for recording in recordings]
-    first, last = duration(min(seconds)), duration(max(seconds))
-    length = first if first == last else f'{first} to {last}'
-    return f'{count(len(recordings), "sensor")}, {length}, {samples}.'
-
-
-def _quietest(sensor: str, rows: Sequence[Standing]) -> list[str]:
-    rows = [row for row in rows if row.noise_density.value is not None]
-    if not rows:
-        return [f'No {sensor} shows white noise.']
-    best = rows[0]
-    unit = readable_unit(best.noise_density.unit, 'density', [best.noise_density.value])
-    value = short(best.noise_density.to(unit))
-    if len(rows) == 1:
-        return [f'{sensor.capitalize()} noise density of {best.label}: {value} {unit}.']
-    last = rows[-1]
-    ratio = (last.noise_density.value or 0.0) / (best.noise_density.value or 1.0)
-    louder = f'{last.label} has {number(ratio, 2)} times as much'
-    return [f'Quietest {sensor}: {best.label} with {value} {unit}; {louder}.']
-
-
-def _health_line(recordings: Sequence[RecordingResult], labels: Sequence[str]) -> str:
-    bad = [
-        f'{label} ({", ".join(f.code.replace("_", " ") for f in severe)})'
-        for recording, label in zip(recordings, labels, strict=True)
-        if (severe := [f for f in recording.health.findings if f.severity == 'severe'])
-    ]
-    if bad:
-        return f'Not to be trusted without reading its findings: {"; ".join(bad)}.'
-    doubtful = [
-        label
-        for recording, label in zip(recordings, labels, strict=True)
-        if recording.health.severity == 'warning'
-    ]
-    if doubtful:
-        return f'Read the findings of {", ".join(doubtful)}: they affect part of the numbers.'
-    return 'The recordings are in good health: nothing casts doubt on the numbers.'
-
-
-def _unseen(recordings: Sequence[RecordingResult], labels: Sequence[str]) -> list[str]:
-    """Return one sentence on the coefficients that the recordings were too short for."""
-    missing = {
-        term: [
-            label
-            for recording, label in zip(recordings, labels, strict=True)
-            if recording.axes
-            and all(not getattr(a.model, term).observable for a in recording.axes.values())
-        ]
-        for term in 'BK'
-    }
-    return [
-        f'No {TERM_NAMES[term]} ({term}) was observable in '
-        f'{"any recording" if len(names) == len(labels) else ", ".join(names)}; '
-        'the tables give upper bounds and how long to record.'
-        for term, names in missing.items()
-        if names
-    ]
-
-
 def sensor_words(recording: RecordingResult) -> list[str]:
     """Return what one recording says, a sentence per quantity."""
     lines = []
     for quantity in IMU_QUANTITIES:
         axes = recording.of(quantity.name)
         if axes:
-            parts = [part for part in (_density_words(axes), *_term_words(axes)) if part]
+            slow = (
+                _term_words(axes) if any(axis.shows_constants for axis in axes) else [NO_CONSTANTS]
+            )
+            parts = [_density_words(axes), *slow]
             lines.append(f'{SENSOR_NAMES[quantity.name].capitalize()}: {"; ".join(parts)}.')
     return lines
 
@@ -218,18 +149,34 @@ def cell(estimate: Estimate, unit: str) -> Cell:
 
 def coefficient_columns(axes: Sequence[AxisResult]) -> list[Column]:
     """Return the noise table of one quantity: density and coefficients."""
-    columns = [column('Noise density', 'density', [axis.noise_density for axis in axes])]
+    columns = [
+        column(
+            'Noise density', 'density',
+            [axis.noise_density if axis.shows_constants else axis.white_density for axis in axes],
+        )
+    ]  # fmt: skip
     for term in 'NBKQR':
-        estimates = [getattr(axis.model, term) for axis in axes]
+        estimates = [axis.coefficient(term) for axis in axes]
         if term in 'NBK' or any(e.observable for e in estimates):
             columns.append(column(f'{term}, {TERM_NAMES[term]}', term, estimates))
     return columns
+
+
+_PARTIAL = (
+    'averages count from {:g} % of their samples on (--min-share); white noise comes out too high '
+    'by half of the share that is missing'
+)
 
 
 def fit_remarks(axes: Sequence[AxisResult]) -> list[str]:
     """Return why terms have no value, and what the fits want to be known."""
     said: dict[str, list[str]] = {}
     for axis in axes:
+        if axis.allan and axis.allan.min_share < 1.0:
+            said.setdefault(_PARTIAL.format(100.0 * axis.allan.min_share), []).append(axis.letter)
+        if not axis.shows_constants:
+            said.setdefault(NO_CONSTANTS, []).append(axis.letter)
+            continue
         for flag in axis.model.flags:
             said.setdefault(flag, []).append(axis.letter)
         for term in 'NBK':
@@ -291,15 +238,40 @@ def column(title: str, role: str, estimates: Sequence[Estimate]) -> Column:
     return Column(title, unit, [cell(estimate, unit) for estimate in estimates])
 
 
+class Numbers(NamedTuple):
+    """The same quantity of all axes of a sensor, and the widest of their intervals."""
+
+    shown: str
+    spread: str
+
+
+def numbers(estimates: Sequence[Estimate], unit: str, digits: int = 3) -> Numbers:
+    """
+    Return numbers side by side.
+
+    Examples
+    --------
+    >>> numbers([Estimate(2.0, 1.9, 2.1, 'mg'), Estimate(1.0, 0.9, 1.1, 'mg')], 'mg', 2)
+    Numbers(shown='2.0 / 1.0', spread='± 10 %')
+    """
+    halves = [
+        0.5 * (e.high - e.low) / abs(e.value)
+        for e in estimates
+        if e.value and e.low is not None and e.high is not None
+    ]
+    shown = ' / '.join(short(e.to(unit), digits) for e in estimates)
+    return Numbers(shown, f'± {number(100.0 * max(halves), 2)} %' if any(halves) else '')
+
+
 class Row(NamedTuple):
     """One sensor in the comparison table."""
 
     label: str
     rate: str
-    density: str
+    density: Numbers
     ratio: str
-    bias: str
-    walk: str
+    bias: Numbers
+    walk: Numbers
     severity: str
 
 
@@ -332,8 +304,9 @@ def _ranking(
         return readable_unit(estimates[0].unit, role, sizes)
 
     density = unit_of('density', [axis.white_density for axis in flat])
-    bias = unit_of('B', [axis.model.B for axis in flat])
-    walk = unit_of('K', [axis.model.K for axis in flat])
+    slow = [axis for axis in flat if axis.shows_constants] or flat
+    bias = unit_of('B', [axis.model.B for axis in slow])
+    walk = unit_of('K', [axis.model.K for axis in slow])
     return Ranking(
         SENSOR_NAMES[quantity].capitalize(),
         density,
@@ -343,12 +316,19 @@ def _ranking(
             Row(
                 row.label,
                 short(recordings[row.index].rate_of(quantity), 4),
-                ' / '.join(short(axis.white_density.to(density)) for axis in group),
-                '–' if row.ratio.value is None else f'{number(row.ratio.value, 3)}×',
-                ' / '.join(short(axis.model.B.to(bias), 2) for axis in group),
-                ' / '.join(short(axis.model.K.to(walk), 2) for axis in group),
+                numbers([axis.white_density for axis in group], density),
+                '1' if row.ratio.low == row.ratio.high == 1.0 else value_text(row.ratio),
+                _slow([axis.model.B for axis in group], bias, group),
+                _slow([axis.model.K for axis in group], walk, group),
                 recordings[row.index].health.severity,
             )
             for row, group in zip(rows, axes, strict=True)
         ],
     )
+
+
+def _slow(estimates: Sequence[Estimate], unit: str, axes: Sequence[AxisResult]) -> Numbers:
+    """Return coefficients of slow noise; a high-pass has none, and its bounds would impress."""
+    if any(axis.shows_constants for axis in axes):
+        return numbers(estimates, unit, 2)
+    return Numbers('–', 'no constant signal')

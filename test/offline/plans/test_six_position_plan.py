@@ -84,6 +84,38 @@ def test_a_missing_position_is_one_finding(turned):
     assert [b['observable'] for b in bias] == [True, True, False]
 
 
+def test_without_turns_the_gyroscope_has_a_bias_and_no_scale(turned, tmp_path):
+    file = tmp_path / 'chip.yaml'
+    result = run([turned(FACES)], {'yaml': str(file)})
+    finding = next(f for f in result.findings if f.code == 'turns_missing')
+    assert finding.text == (
+        'chip: no turn about x, y, z by a multiple of 360° between still positions.'
+    )
+    assert finding.effect == (
+        'The bias of the gyroscope is known, its scale and misalignment are not.'
+    )
+    gyroscope = result.values['chip']['angular_velocity']
+    for bias, known in zip(gyroscope['bias'], 0.1 * BIAS, strict=True):
+        assert bias['low'] < known < bias['high']
+    assert not any(scale['observable'] for scale in gyroscope['scale_error'])
+    assert gyroscope['misalignment'] == {}
+    assert gyroscope['matrix'] is None
+    assert result.summary[-2].endswith('scale not known, for it was not turned.')
+    given = yaml.safe_load(file.read_text(encoding='utf-8'))['/**']['ros__parameters']
+    assert list(given['calibration']['angular_velocity']) == ['bias']
+    assert list(given['calibration']['acceleration']) == ['bias', 'matrix']
+
+
+def test_turns_about_one_axis_give_the_scale_of_that_axis(turned):
+    result = run([turned(FACES, turns=(1, 4))])
+    scales = result.values['chip']['angular_velocity']['scale_error']
+    assert [scale['observable'] for scale in scales] == [False, True, False]
+    assert scales[1]['low'] < RESPONSE[1, 1] - 1.0 < scales[1]['high']
+    finding = next(f for f in result.findings if f.code == 'turns_missing')
+    assert 'about x, z by' in finding.text
+    assert 'misalignment about these axes' in finding.effect
+
+
 def test_too_little_is_one_clear_line(turned, noise, recording_of):
     with pytest.raises(RecordingError, match='1 still positions found: lay the sensor still'):
         run([recording_of(noise(n=3000))])

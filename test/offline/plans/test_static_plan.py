@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The static comparison has the thesis's tables, with the numbers of the noise analysis."""
 
+from dataclasses import replace
+
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.analyse import analyse
+from imu_bench.offline.gauss_markov_result import Drift, DriftModel
 from imu_bench.offline.plans.static import Static
 import pytest
 
@@ -35,6 +38,22 @@ def test_ratios_refer_to_the_reference(measured):
     turned = Static(reference='lsm9ds1').conclude(measured)
     rows = {row[0]: row for row in table(turned, '5.1').rows}
     assert rows['mpu9250 y'][-1].value == pytest.approx(1 / 3, rel=0.03)
+
+
+@pytest.mark.parametrize(('samples', 'shown'), [(3.0, 'no drift seen'), (300.0, 'allan fit')])
+def test_a_memory_of_a_few_samples_is_no_drift(measured, samples, shown):
+    """The low-pass of a sensor has one, too."""
+    result = measured[0]
+    time = Estimate(samples / result.health.rate.value, None, None, 's')
+    level = Estimate(1e-3, None, None, 'm/s²')
+    drift = Drift({'allan_fit': DriftModel(time, level, level)})
+    name = 'linear_acceleration.x'
+    axis = result.axes[name]
+    axis = replace(axis, checks=replace(axis.checks, drift=drift))
+    rows = table(
+        Static().conclude([replace(result, axes={**result.axes, name: axis})]), '5.7'
+    ).rows
+    assert rows[0][-1] == shown
 
 
 def test_an_unknown_reference_is_refused(measured):

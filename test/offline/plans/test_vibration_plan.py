@@ -125,6 +125,9 @@ def test_a_slow_sensor_folds_tones_and_it_is_said(engine):
     rows = [row for row in table(engine, 'Tones') if row['sensor, axis'] == 'bno055 z']
     [folded] = [row for row in rows if abs(row['frequency'].value - 46.77) < 0.1]
     assert '53.3' in folded['remark']
+    # where it comes back says nothing about the crank shaft
+    assert folded['order'] is None
+    assert [row['order'] for row in rows if not row['remark']] == [2.0, 1.0]
     [finding] = [f for f in engine.findings if f.code == 'folded']
     assert finding.text.startswith('bno055 shows tones folded')
 

@@ -36,6 +36,18 @@ def is_what_was_written(samples: Samples, acceleration=1.0, angular_velocity=1.0
 
 
 class TestNpy:
+    def test_other_columns_in_the_majority_do_not_stand_for_the_sensor(self, tmp_path):
+        """An accelerometer with a magnetometer and a thermometer of another rate."""
+        np.save(tmp_path / 'stamps.npy', (TIME * 1e9).astype(np.int64))
+        np.save(tmp_path / 'acceleration.npy', ACCELERATION)
+        for name, shape in (('magnetic_field', (N // 10, 3)), ('temperature', (N // 10,))):
+            np.save(tmp_path / f'{name}.npy', np.zeros(shape))
+        np.save(tmp_path / 'magnetic_field_stamps.npy', np.arange(N // 10))
+        recording, [note] = read(tmp_path)
+        assert recording.samples.angular_velocity is None
+        np.testing.assert_array_equal(recording.samples.acceleration, ACCELERATION)
+        assert 'not used, being of another length: magnetic_field.x' in note
+
     def test_a_table_needs_columns_units_and_rate(self, tmp_path):
         path = tmp_path / 'log.npy'
         np.save(path, np.hstack([ACCELERATION, RATES]))

@@ -30,9 +30,9 @@ _SHOWN = {
 }
 
 _COEFFICIENT_NOTE = (
-    'Slope of the bias over the temperature of the sensor, with white noise and a random walk of '
-    'the bias in its interval. Curvature is the sagitta of a parabola over the whole range. '
-    'Hysteresis is cooling minus heating at the middle temperature. Of an axis '
+    'Slope of the bias over the temperature of the sensor; its interval knows white noise, '
+    'flicker noise and a random walk of the bias. Curvature is the sagitta of a parabola over '
+    'the whole range. Hysteresis is cooling minus heating at the middle temperature. Of an axis '
     'along gravity the scale factor is in it: per 1 g, 0.001 %/K looks like 0.01 mg/K.'
 )
 _DRIFT_NOTE = (

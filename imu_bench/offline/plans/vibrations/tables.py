@@ -163,7 +163,8 @@ def _tones(found: Found) -> Table:
         rows += [
             (
                 f'{label} {axis.letter}', tone.frequency, tone.amplitude, _multiple(tone, groups),
-                _order(tone, crank, found.tolerance_hz), _kind(tone, folded.get(id(tone))),
+                None if id(tone) in folded else _order(tone, crank, found.tolerance_hz),
+                _kind(tone, folded.get(id(tone))),
             )
             for tone in axis.tones[:LISTED]
         ]  # fmt: skip

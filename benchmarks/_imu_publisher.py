@@ -2,7 +2,7 @@
 """
 One sensor of a benchmark: a process that publishes Imu messages in blocks.
 
-``python -m benchmarks.imu_publisher TOPIC RATE_HZ SECONDS`` waits for a subscriber, says
+``python -m benchmarks._imu_publisher TOPIC RATE_HZ SECONDS`` waits for a subscriber, says
 'ready', starts at the line of text that gives the time to start (seconds of time.time), says how
 many messages it sent, and stays until its input ends: a publisher that leaves takes
 with it what readers have not fetched.

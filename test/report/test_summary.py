@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first sentences of the report: which sensor is best, and what it cannot do."""
+
+from dataclasses import replace
+
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.offline import comparison
+from imu_bench.offline.analyse import analyse
+from imu_bench.offline.recordings import Recording
+from imu_bench.offline.report import campaign_page, summary, text
+from imu_bench.offline.results import Analysis, Failure
+from imu_bench.samples import Samples
+import numpy as np
+import pytest
+
+RATE_HZ = 100.0
+
+
+def recording(topic, gyro):
+    n = len(gyro)
+    stamps = 1_700_000_000_000_000_000 + np.arange(n) * int(1e9 / RATE_HZ)
+    fields = {
+        'source': 'night.mcap', 'topic': topic, 'samples': Samples(stamps, angular_velocity=gyro),
+        'receive_ns': None, 'frame_id': '', 'announced': n, 'stored': n, 'left_out': 0,
+        'notes': (), 'stamp_source': 'header', 'stamp_reason': 'they increase',
+    }  # fmt: skip
+    return analyse(Recording(**fields))
+
+
+@pytest.fixture(scope='module')
+def quiet():
+    return recording('/quiet', np.random.default_rng(1).normal(0.0, 1e-3, (20_000, 3)))
+
+
+@pytest.fixture(scope='module')
+def loud():
+    return recording('/loud', np.random.default_rng(2).normal(0.0, 3e-3, (20_000, 3)))
+
+
+@pytest.fixture(scope='module')
+def blocking():
+    noise = np.random.default_rng(3).normal(0.0, 1e-4, (20_001, 3))
+    slow = np.zeros(3)
+    passed = np.empty((20_000, 3))
+    for k in range(20_000):  # a high-pass of first order, 1.6 Hz
+        slow = 0.9 * (slow + noise[k + 1] - noise[k])
+        passed[k] = slow
+    return recording('/blocking', passed)
+
+
+def said(*recordings, failures=()):
+    return ' '.join(
+        summary.sentences(Analysis(recordings, failures), comparison.compare(recordings))
+    )
+
+
+def with_b(recording, *sizes):
+    axes = {
+        name: replace(axis, model=replace(axis.model, B=b))
+        for (name, axis), b in zip(recording.axes.items(), sizes, strict=True)
+    }
+    return replace(recording, axes=axes)
+
+
+def test_the_quietest_has_its_interval(quiet, loud):
+    words = said(quiet, loud)
+    assert 'Quietest gyroscope: quiet with ' in words
+    assert '±' in words.partition('Quietest gyroscope')[2].partition(';')[0]
+    assert 'loud has 3.0 times as much' in words
+    assert 'told apart' not in words
+
+
+def test_two_that_are_alike_are_not_ranked(quiet, loud):
+    twin = replace(quiet, topic='/twin')
+    assert 'quiet with' in said(quiet, twin)
+    assert 'not told apart from twin.' in said(quiet, twin)
+    assert 'not told apart from twin; loud has' in said(quiet, twin, loud)
+
+
+def test_the_steadiest_is_named_by_its_worst_axis(quiet, loud):
+    small, large = (Estimate(size, 0.9 * size, 1.1 * size, 'rad/s') for size in (1e-6, 1e-4))
+    bound = Estimate.not_observable('rad/s', 'too short', high=1e-5)
+    words = said(with_b(quiet, small, small, large), with_b(loud, small, bound, small))
+    assert 'Least bias instability of the gyroscopes: loud, below 2.1 °/h on its worst' in words
+    assert 'Least bias' not in said(quiet)
+    wide = Estimate.not_observable('rad/s', 'too short', high=2e-5)
+    unknown = with_b(replace(quiet, topic='/short'), wide, wide, wide)
+    assert 'not told apart from short.' in said(
+        with_b(quiet, small, small, large), with_b(loud, small, bound, small), unknown
+    )
+    assert 'Least bias' not in said(unknown, with_b(loud, bound, bound, bound))
+
+
+def test_a_high_pass_is_seen(quiet, loud, blocking):
+    assert all(axis.shows_constants for found in (quiet, loud) for axis in found.axes.values())
+    assert not any(axis.shows_constants for axis in blocking.axes.values())
+    words = said(blocking, quiet)
+    assert 'blocking: the gyroscope shows no constant signal' in words
+    assert 'Least bias' not in words
+    assert 'no constant signal' in text.sensor_words(blocking)[0]
+    (ranking,) = text.rankings(Analysis((blocking, quiet)), comparison.compare((blocking, quiet)))
+    rows = {row.label: row for row in ranking.rows}
+    assert rows['blocking'].bias.shown == rows['blocking'].walk.shown == '–'
+    assert rows['quiet'].bias.shown != '–'
+    assert rows['quiet'].density.spread.startswith('± ')
+
+
+def test_inputs_that_failed_are_in_the_first_sentence(quiet):
+    assert '1 input could not be analysed' in said(quiet, failures=(Failure('a.bag', 'cut off'),))
+    assert 'could not be analysed' not in said(quiet)
+
+
+def test_behind_a_high_pass_no_coefficient_is_smaller_than_the_noise(blocking):
+    axes = blocking.of('angular_velocity')
+    density, n, b, k = text.coefficient_columns(axes)[:4]
+    assert all('±' in cell.shown or '(' in cell.shown for cell in density.cells)
+    assert {cell.shown for column in (n, b, k) for cell in column.cells} == {'–'}
+    assert text.fit_remarks(axes) == [f'x, y, z – {text.NO_CONSTANTS}.']
+
+
+def test_the_page_of_a_campaign_says_what_is_lost_and_carries_no_library(tmp_path):
+    chapters = [campaign_page.Chapter('tilt', 'Tilt', 'inclination', failure='no steps')]
+    campaign_page.write('A bench', chapters, tmp_path / 'index.html')
+    page = (tmp_path / 'index.html').read_text(encoding='utf-8')
+    assert '1 test; no result of Tilt.' in page
+    assert '<script' not in page
+    assert len(page) < 20_000
