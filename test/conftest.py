@@ -12,6 +12,9 @@ for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 ROOT = Path(__file__).resolve().parent.parent
 
+SPREAD = {'test_every_driver.py', 'test_every_fault.py'}
+"""Files of many tests without fixtures to share: any worker takes the next of them."""
+
 
 def pytest_configure(config):
     """Keep ROS 2 on this machine and strict, before anything imports rclpy."""
@@ -20,6 +23,14 @@ def pytest_configure(config):
     worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
     # 1..101 are safe on Linux; each worker and run gets its own
     os.environ['ROS_DOMAIN_ID'] = str(1 + (os.getppid() * 7 + int(worker)) % 100)
+
+
+def pytest_collection_modifyitems(config, items):
+    """Keep the tests of a file on one worker, which shares what they set up."""
+    if config.pluginmanager.hasplugin('xdist'):
+        for item in items:
+            if item.path.name not in SPREAD:
+                item.add_marker(pytest.mark.xdist_group(str(item.path.relative_to(ROOT))))
 
 
 @pytest.fixture(scope='session')
