@@ -21,8 +21,8 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import allantools
 from imu_bench.metrology import allan
-from imu_bench.metrology.averaging import decimation
-from imu_bench.metrology.greenhall import covariance
+from imu_bench.metrology.deviations.averaging import decimation
+from imu_bench.metrology.deviations.greenhall import covariance
 import numpy as np
 
 SAMPLES = 10_000_000

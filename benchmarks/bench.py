@@ -16,6 +16,7 @@ Run as ``python -m benchmarks.bench [seconds] [bench]``.
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 import subprocess
@@ -141,8 +142,11 @@ def report(
     )
     for name, view in monitor.sensors.items():
         grown = {key: value - before[name][key] for key, value in counts(monitor, name).items()}
+        measured = view.number('rate_hz')
+        # of a chip that is polled only the rate of delivery is known
+        true_hz = f'{measured:.2f}' if math.isfinite(measured) else '-'
         print(
-            f'  {name:11}{view.number("nominal_hz"):9.1f}{view.number("rate_hz"):10.2f}'
+            f'  {name:11}{view.number("nominal_hz"):9.1f}{true_hz:>10}'
             f'{view.number("delivered_hz"):11.2f}{grown["lost"]:7.0f}{grown["late"]:7.0f}'
             f'{share[name]:8.1%}   {"" if view.kept_rate else view.verdict}'
         )

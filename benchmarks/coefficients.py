@@ -17,7 +17,7 @@ import time
 
 from imu_bench.metrology import allan, coefficients, whittle
 from imu_bench.metrology.curve import DeviationCurve
-from imu_bench.metrology.noise_model import NoiseModel, variance_basis
+from imu_bench.metrology.fitting.noise_model import NoiseModel, variance_basis
 import numpy as np
 from scipy import fft, optimize
 

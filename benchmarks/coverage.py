@@ -13,7 +13,7 @@ import sys
 from typing import NamedTuple
 
 from imu_bench.metrology import allan
-from imu_bench.metrology.confidence import interval
+from imu_bench.metrology.deviations.confidence import interval
 import numpy as np
 from scipy import fft
 

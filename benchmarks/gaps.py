@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 
 from imu_bench.metrology import allan
-from imu_bench.metrology.noise_model import variance_of
+from imu_bench.metrology.fitting.noise_model import variance_of
 import numpy as np
 
 RATE_HZ = 100.0

@@ -21,9 +21,11 @@ from typing import NamedTuple
 os.environ.setdefault('OMP_NUM_THREADS', '1')
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-from imu_bench.metrology import allan, noise_type, timing
+from imu_bench.metrology import allan
+from imu_bench.metrology.deviations import noise_type
 from imu_bench.metrology.moments import Moments
 from imu_bench.metrology.rolling import IMU_UNITS, RollingAnalysis, Window
+from imu_bench.metrology.stamps import timing
 import numpy as np
 
 RATE = 1000.0

@@ -17,21 +17,22 @@ import math
 from typing import Any, Literal
 
 from imu_bench.errors import DataError
-from imu_bench.metrology import allan_kernels, blockwise, noise_type, partial
-from imu_bench.metrology.allan_curve import (
+from imu_bench.metrology import blockwise
+from imu_bench.metrology.blockwise import Run
+from imu_bench.metrology.curve import DeviationCurve
+from imu_bench.metrology.deviations import allan_kernels, noise_type, partial
+from imu_bench.metrology.deviations.allan_curve import (
     build_curve,
     curve_from_sums,
     NoAveragingTime,
     oadev_from_sums,
     possible,
 )
-from imu_bench.metrology.allan_family import MEMBERS
-from imu_bench.metrology.averaging import averaging_factors, BASE, decimation, Taus
-from imu_bench.metrology.blockwise import Run
-from imu_bench.metrology.confidence import check_level
-from imu_bench.metrology.curve import DeviationCurve
+from imu_bench.metrology.deviations.allan_family import MEMBERS
+from imu_bench.metrology.deviations.averaging import averaging_factors, BASE, decimation, Taus
+from imu_bench.metrology.deviations.confidence import check_level
+from imu_bench.metrology.deviations.integral import cumulate, refuse_unfinite, TOO_LARGE
 from imu_bench.metrology.estimate import CONFIDENCE
-from imu_bench.metrology.integral import cumulate, refuse_unfinite, TOO_LARGE
 from imu_bench.units import canonical
 import numpy as np
 import numpy.typing as npt
@@ -114,8 +115,8 @@ def deviation(
         Cores to use; up to four by default.  The result does not depend on it.
     min_share : float
         Least share of its samples that an average needs, from 0.5 to 1; for 'oadev' of rates.
-        Below 1 the mean is taken over those present; `imu_bench.metrology.partial` says what
-        that costs.
+        Below 1 the mean is taken over those present; what that costs is said in
+        `imu_bench.metrology.deviations.partial`.
 
     Returns
     -------

@@ -13,19 +13,19 @@ import math
 from typing import Literal
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.correlation_time import likeliest, processes
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
-from imu_bench.metrology.filter_fit import candidates
-from imu_bench.metrology.fit_range import choose_range, Range, START_MISFIT
-from imu_bench.metrology.fit_report import METHOD, Report
-from imu_bench.metrology.low_pass import LowPass
-from imu_bench.metrology.model_choice import fit_subsets
-from imu_bench.metrology.model_fit import prepare, Problem
-from imu_bench.metrology.noise_model import coefficient_unit, NoiseModel, TERMS
-from imu_bench.metrology.screening import glance
-from imu_bench.metrology.tangent import tangent_fit
-from imu_bench.metrology.transfer import overlapped_degrees
+from imu_bench.metrology.fitting.correlation_time import likeliest, processes
+from imu_bench.metrology.fitting.filter_fit import candidates
+from imu_bench.metrology.fitting.fit_range import choose_range, Range, START_MISFIT
+from imu_bench.metrology.fitting.fit_report import METHOD, Report
+from imu_bench.metrology.fitting.low_pass import LowPass
+from imu_bench.metrology.fitting.model_choice import fit_subsets
+from imu_bench.metrology.fitting.model_fit import prepare, Problem
+from imu_bench.metrology.fitting.noise_model import coefficient_unit, NoiseModel, TERMS
+from imu_bench.metrology.fitting.screening import glance
+from imu_bench.metrology.fitting.tangent import tangent_fit
+from imu_bench.metrology.fitting.transfer import overlapped_degrees
 import numpy as np
 import numpy.typing as npt
 

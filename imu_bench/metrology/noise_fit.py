@@ -12,8 +12,8 @@ from dataclasses import replace
 from imu_bench.metrology.coefficients import CurveFits
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import CONFIDENCE
-from imu_bench.metrology.fit_range import Range
-from imu_bench.metrology.noise_model import NoiseModel
+from imu_bench.metrology.fitting.fit_range import Range
+from imu_bench.metrology.fitting.noise_model import NoiseModel
 
 DOUBTFUL = 1.5
 """Mean squared residual of power laws that one of 50 records of such noise exceeds."""

@@ -15,17 +15,17 @@ from dataclasses import dataclass
 import math
 
 from imu_bench.errors import DataError, NotReady
-from imu_bench.metrology import noise_type
-from imu_bench.metrology.allan_curve import curve_from_sums, NoAveragingTime, possible
-from imu_bench.metrology.averaging import averaging_factors
 from imu_bench.metrology.curve import DeviationCurve
+from imu_bench.metrology.deviations import noise_type
+from imu_bench.metrology.deviations.allan_curve import curve_from_sums, NoAveragingTime, possible
+from imu_bench.metrology.deviations.averaging import averaging_factors
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.moments import Moments
-from imu_bench.metrology.rolling_intake import Intake, PENDING, Piece
-from imu_bench.metrology.sample_ring import SampleRing
-from imu_bench.metrology.stamp_line import gap_lengths
-from imu_bench.metrology.time_grid import period
-from imu_bench.metrology.window_sums import BIN, WindowSums
+from imu_bench.metrology.sliding.rolling_intake import Intake, PENDING, Piece
+from imu_bench.metrology.sliding.sample_ring import SampleRing
+from imu_bench.metrology.sliding.window_sums import BIN, WindowSums
+from imu_bench.metrology.stamps.stamp_line import gap_lengths
+from imu_bench.metrology.stamps.time_grid import period
 import numpy as np
 import numpy.typing as npt
 

@@ -15,7 +15,7 @@ import math
 from imu_bench.errors import DataError
 from imu_bench.metrology.curve import Floats
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
-from imu_bench.metrology.noise_model import (
+from imu_bench.metrology.fitting.noise_model import (
     coefficient_unit,
     density_basis,
     gauss_markov_density,
@@ -23,8 +23,8 @@ from imu_bench.metrology.noise_model import (
     TERM_NAMES,
     TERMS,
 )
-from imu_bench.metrology.scoring import granted, minus_two_log_likelihood, scored, subsets
-from imu_bench.metrology.uncertainty import cumulants, Response
+from imu_bench.metrology.fitting.scoring import granted, minus_two_log_likelihood, scored, subsets
+from imu_bench.metrology.fitting.uncertainty import cumulants, Response
 import numpy as np
 import numpy.typing as npt
 from scipy import fft

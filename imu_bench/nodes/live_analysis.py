@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from imu_bench.errors import DataError, NotReady
-from imu_bench.metrology import coefficients, timing
+from imu_bench.metrology import coefficients
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.noise_fit import fitted
 from imu_bench.metrology.rolling import RollingAnalysis, Window
+from imu_bench.metrology.stamps import timing
 from imu_bench.samples import AXES, IMU_QUANTITIES, Quantity
 from msg_conversions.cdr import ImuBlock
 import numpy as np

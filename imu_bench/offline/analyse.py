@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from imu_bench.errors import DataError, RecordingError
-from imu_bench.metrology import timing
-from imu_bench.metrology.timing import Grid
+from imu_bench.metrology.stamps import timing
+from imu_bench.metrology.stamps.timing import Grid
 from imu_bench.offline import health
 from imu_bench.offline.axes import axes, Axis
 from imu_bench.offline.axis_analysis import measure

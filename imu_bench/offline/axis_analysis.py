@@ -6,19 +6,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from imu_bench.errors import DataError
-from imu_bench.metrology import (
-    allan,
-    coefficients,
-    normality,
-    spectrum,
-    statistics,
-    timing,
-    workspace,
-)
+from imu_bench.metrology import allan, coefficients, normality, statistics, workspace
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.noise_fit import fitted
-from imu_bench.metrology.spectrum import Spectrum
-from imu_bench.metrology.timing import Grid
+from imu_bench.metrology.spectra import spectrum
+from imu_bench.metrology.spectra.spectrum import Spectrum
+from imu_bench.metrology.stamps import timing
+from imu_bench.metrology.stamps.timing import Grid
 from imu_bench.offline.axes import Axis
 from imu_bench.offline.axis_result import AxisResult, Density, STATISTICS
 from imu_bench.offline.checks import examine, Signal

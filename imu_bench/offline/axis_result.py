@@ -9,9 +9,9 @@ from typing import Any
 
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.noise_model import NoiseModel
+from imu_bench.metrology.fitting.noise_model import NoiseModel
 from imu_bench.metrology.normality import Histogram
-from imu_bench.metrology.spectrum import compare_densities, NoiseDensities
+from imu_bench.metrology.spectra.spectrum import compare_densities, NoiseDensities
 from imu_bench.offline.checks import Checks
 from imu_bench.offline.metrology_json import (
     curve_from_json,

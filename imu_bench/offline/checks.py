@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from imu_bench.errors import DataError
 from imu_bench.metrology.curve import DeviationCurve
-from imu_bench.metrology.noise_model import NoiseModel
+from imu_bench.metrology.fitting.noise_model import NoiseModel
 from imu_bench.metrology.normality import Normality, normality
 from imu_bench.offline import drift, second_opinion, steadiness
 from imu_bench.offline.blocks import averages

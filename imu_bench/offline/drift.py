@@ -11,17 +11,18 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from imu_bench.metrology import coefficients, decay, gauss_markov, kalman
+from imu_bench.metrology import coefficients
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.gauss_markov import Process
-from imu_bench.metrology.noise_model import (
+from imu_bench.metrology.fitting.noise_model import (
     coefficient_unit,
     FLICKER_FLOOR,
     GaussMarkov,
     NoiseModel,
     TERMS,
 )
+from imu_bench.metrology.markov import decay, gauss_markov, kalman
+from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.offline.blocks import Blocks
 from imu_bench.offline.gauss_markov_result import Drift, DriftModel, METHODS, Trace, Tracking
 import numpy as np

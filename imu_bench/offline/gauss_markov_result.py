@@ -8,10 +8,15 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from imu_bench.metrology.decay import Decay
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.gauss_markov import Process
-from imu_bench.metrology.noise_model import coefficient_unit, FLICKER_FLOOR, GaussMarkov, GM_PEAK
+from imu_bench.metrology.fitting.noise_model import (
+    coefficient_unit,
+    FLICKER_FLOOR,
+    GaussMarkov,
+    GM_PEAK,
+)
+from imu_bench.metrology.markov.decay import Decay
+from imu_bench.metrology.markov.gauss_markov import Process
 import numpy as np
 import numpy.typing as npt
 from scipy import special

@@ -9,8 +9,8 @@ from typing import Any
 
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.low_pass import LowPass
-from imu_bench.metrology.noise_model import GaussMarkov, NoiseModel
+from imu_bench.metrology.fitting.low_pass import LowPass
+from imu_bench.metrology.fitting.noise_model import GaussMarkov, NoiseModel
 from imu_bench.metrology.normality import Normality
 import numpy as np
 

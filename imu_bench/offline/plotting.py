@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import NamedTuple
 
-from imu_bench.metrology.noise_model import gauss_markov_variance, NoiseModel, variance_of
+from imu_bench.metrology.fitting.noise_model import gauss_markov_variance, NoiseModel, variance_of
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.notation import readable_unit
 from imu_bench.offline.results import RecordingResult

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from imu_bench.metrology import workspace
 from imu_bench.metrology.normality import Histogram, histogram
-from imu_bench.metrology.spectrum import Spectrum
-from imu_bench.metrology.timing import Grid
+from imu_bench.metrology.spectra.spectrum import Spectrum
+from imu_bench.metrology.stamps.timing import Grid
 from imu_bench.offline.axis_result import Density, Envelope
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +36,7 @@ def envelope(values: Floats, grid: Grid, start_s: float = 0.0, pieces: int = _PI
 
     Examples
     --------
-    >>> from imu_bench.metrology.timing import grid
+    >>> from imu_bench.metrology.stamps.timing import grid
     >>> e = envelope(np.arange(6.0), grid(np.arange(6) * 10_000_000), pieces=3)
     >>> e.low.tolist(), e.high.tolist()
     ([0.0, 2.0, 4.0], [1.0, 3.0, 5.0])
@@ -83,7 +83,7 @@ def bands(spectrum: Spectrum, per_decade: int = _PER_DECADE) -> Density:
 
     Examples
     --------
-    >>> from imu_bench.metrology.spectrum import psd
+    >>> from imu_bench.metrology.spectra.spectrum import psd
     >>> white = psd(np.random.default_rng(1).normal(size=100_000), 100.0)
     >>> band = bands(white)
     >>> band.frequency.size < white.frequency.size, round(float(np.median(band.density)), 2)

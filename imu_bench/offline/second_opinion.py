@@ -10,8 +10,8 @@ from typing import Any
 from imu_bench.metrology import whittle
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.noise_model import NoiseModel
-from imu_bench.metrology.tangent import tangent_fit
+from imu_bench.metrology.fitting.noise_model import NoiseModel
+from imu_bench.metrology.fitting.tangent import tangent_fit
 from imu_bench.offline.blocks import Blocks
 import numpy as np
 

@@ -12,9 +12,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 import math
 
-from imu_bench.metrology import allan, coefficients, spectrum, statistics, timing
-from imu_bench.metrology.averaging import averaging_factors
+from imu_bench.metrology import allan, coefficients, statistics
+from imu_bench.metrology.deviations.averaging import averaging_factors
 from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.spectra import spectrum
+from imu_bench.metrology.stamps import timing
 from imu_bench.samples import AXES, IMU_QUANTITIES, Quantity, Samples
 from imu_bench.simulation.chip import SensorSource
 from imu_bench.simulation.expected import expected_coefficients, rounding_shows_noise

@@ -8,7 +8,7 @@ import math
 from typing import Any
 
 from imu_bench.config import SensorConfig, SIMULATION_SETTINGS
-from imu_bench.metrology.noise_model import coefficient_unit
+from imu_bench.metrology.fitting.noise_model import coefficient_unit
 from imu_bench.samples import AXES
 from imu_bench.simulation.chip import SensorSource
 from imu_bench.simulation.expected import expected_coefficients

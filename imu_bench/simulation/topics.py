@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from imu_bench.bags.topic_info import describe, OfferedQos, TopicInfo
-from imu_bench.metrology.inclination import inclination
+from imu_bench.metrology.trials.inclination import inclination
 from imu_bench.samples import AXES, Samples
 from imu_bench.simulation.simulated import SimulatedSensor
 from msg_conversions import cdr, covariance

@@ -7,7 +7,8 @@ import warnings
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from imu_bench.errors import DataError, UnitError
-from imu_bench.metrology import allan, allan_kernels, blockwise, integral
+from imu_bench.metrology import allan, blockwise
+from imu_bench.metrology.deviations import allan_kernels, integral
 import numpy as np
 import pytest
 

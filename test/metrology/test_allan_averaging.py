@@ -4,7 +4,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 from imu_bench.errors import DataError
-from imu_bench.metrology.averaging import averaging_factors, decimation
+from imu_bench.metrology.deviations.averaging import averaging_factors, decimation
 import numpy as np
 import pytest
 

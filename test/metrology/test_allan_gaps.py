@@ -3,7 +3,8 @@
 
 import tracemalloc
 
-from imu_bench.metrology import allan, allan_kernels, blockwise
+from imu_bench.metrology import allan, blockwise
+from imu_bench.metrology.deviations import allan_kernels
 import numpy as np
 import pytest
 

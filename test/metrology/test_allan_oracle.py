@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from imu_bench.errors import DataError
 from imu_bench.metrology import allan
-from imu_bench.metrology.confidence import DIFFERENCES
-from imu_bench.metrology.greenhall import inverse_edf
+from imu_bench.metrology.deviations.confidence import DIFFERENCES
+from imu_bench.metrology.deviations.greenhall import inverse_edf
 import numpy as np
 import pytest
 

@@ -5,7 +5,7 @@ import json
 import math
 
 from imu_bench.metrology import allan
-from imu_bench.metrology.confidence import edf, interval
+from imu_bench.metrology.deviations.confidence import edf, interval
 import numpy as np
 import pytest
 from scipy import stats

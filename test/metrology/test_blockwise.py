@@ -4,7 +4,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 from imu_bench.metrology import blockwise
-from imu_bench.metrology.integral import cumulate
+from imu_bench.metrology.deviations.integral import cumulate
 import numpy as np
 import pytest
 

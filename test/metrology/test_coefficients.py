@@ -10,7 +10,7 @@ from imu_bench.errors import DataError
 from imu_bench.metrology import allan, coefficients
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.noise_model import gauss_markov_variance, variance_of
+from imu_bench.metrology.fitting.noise_model import gauss_markov_variance, variance_of
 import numpy as np
 import pytest
 from scipy import signal

@@ -4,7 +4,7 @@
 import math
 
 from imu_bench.metrology import allan, coefficients
-from imu_bench.metrology.gauss_markov import Process
+from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.metrology.noise_fit import fitted
 import numpy as np
 import pytest

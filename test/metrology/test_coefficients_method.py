@@ -4,9 +4,9 @@
 from itertools import pairwise
 
 from imu_bench.errors import DataError
-from imu_bench.metrology import confidence
-from imu_bench.metrology.model_fit import degrees_of_freedom, octaves_of, prepare, solve
-from imu_bench.metrology.noise_model import (
+from imu_bench.metrology.deviations import confidence
+from imu_bench.metrology.fitting.model_fit import degrees_of_freedom, octaves_of, prepare, solve
+from imu_bench.metrology.fitting.noise_model import (
     density_basis,
     gauss_markov_density,
     gauss_markov_variance,
@@ -14,10 +14,10 @@ from imu_bench.metrology.noise_model import (
     GM_PEAK_TAU,
     variance_basis,
 )
-from imu_bench.metrology.record_length import seconds_needed
-from imu_bench.metrology.scoring import subsets
-from imu_bench.metrology.transfer import overlapped_degrees, transfer
-from imu_bench.metrology.uncertainty import pearson3_below, respond
+from imu_bench.metrology.fitting.record_length import seconds_needed
+from imu_bench.metrology.fitting.scoring import subsets
+from imu_bench.metrology.fitting.transfer import overlapped_degrees, transfer
+from imu_bench.metrology.fitting.uncertainty import pearson3_below, respond
 import numpy as np
 import pytest
 from scipy import integrate, optimize, stats

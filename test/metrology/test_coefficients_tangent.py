@@ -4,7 +4,7 @@
 from dataclasses import replace
 
 from imu_bench.metrology import allan, coefficients
-from imu_bench.metrology.noise_model import variance_of
+from imu_bench.metrology.fitting.noise_model import variance_of
 import numpy as np
 import pytest
 

@@ -7,8 +7,9 @@ import runpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from imu_bench.errors import DataError
-from imu_bench.metrology import allan, confidence
-from imu_bench.metrology.averaging import decimation
+from imu_bench.metrology import allan
+from imu_bench.metrology.deviations import confidence
+from imu_bench.metrology.deviations.averaging import decimation
 import numpy as np
 import pytest
 from scipy import stats

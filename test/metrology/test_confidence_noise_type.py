@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Is the noise at each averaging time named rightly, and where it cannot be, safely?"""
 
-from imu_bench.metrology import noise_type
-from imu_bench.metrology.allan_kernels import complete_runs
+from imu_bench.metrology.deviations import noise_type
+from imu_bench.metrology.deviations.allan_kernels import complete_runs
 import numpy as np
 import pytest
 

@@ -2,14 +2,14 @@
 """RR, SR and compatibility against the numbers that Capriglione et al. 2021 print."""
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.crosstalk import (
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.trials.crosstalk import (
     compatibility,
     magnitude,
     mean_squares,
     ratio_db,
     repeated,
 )
-from imu_bench.metrology.estimate import Estimate
 import numpy as np
 import pytest
 

@@ -7,8 +7,8 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 from imu_bench.errors import DataError
-from imu_bench.metrology import decay as decaying
-from imu_bench.metrology.gauss_markov import Process
+from imu_bench.metrology.markov import decay as decaying
+from imu_bench.metrology.markov.gauss_markov import Process
 import numpy as np
 import pytest
 

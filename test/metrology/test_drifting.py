@@ -2,7 +2,7 @@
 """Regression under noise that wanders: intervals that hold, and are hardly wider than need be."""
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.drifting import regress
+from imu_bench.metrology.trials.drifting import regress
 import numpy as np
 import pytest
 from scipy import fft, linalg, special

@@ -5,9 +5,10 @@ from dataclasses import replace
 import math
 
 from imu_bench.errors import DataError
-from imu_bench.metrology import allan, gauss_markov
-from imu_bench.metrology.gauss_markov import Process
-from imu_bench.metrology.noise_model import gauss_markov_variance
+from imu_bench.metrology import allan
+from imu_bench.metrology.fitting.noise_model import gauss_markov_variance
+from imu_bench.metrology.markov import gauss_markov
+from imu_bench.metrology.markov.gauss_markov import Process
 import numpy as np
 import pytest
 

@@ -4,8 +4,8 @@
 import math
 
 from imu_bench.errors import DataError
-from imu_bench.metrology import kalman
-from imu_bench.metrology.gauss_markov import Process
+from imu_bench.metrology.markov import kalman
+from imu_bench.metrology.markov.gauss_markov import Process
 import numpy as np
 import pytest
 

@@ -6,9 +6,9 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 from imu_bench.errors import DataError
-from imu_bench.metrology import inclination as tilt
 from imu_bench.metrology.allan import deviation
 from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.trials import inclination as tilt
 import numpy as np
 import pytest
 

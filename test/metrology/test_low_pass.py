@@ -3,7 +3,7 @@
 
 import math
 
-from imu_bench.metrology.low_pass import bend, deficit, LowPass
+from imu_bench.metrology.fitting.low_pass import bend, deficit, LowPass
 import numpy as np
 import pytest
 from scipy import signal

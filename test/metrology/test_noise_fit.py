@@ -2,7 +2,7 @@
 """A Gauss-Markov process enters the model where power laws fail, and only there."""
 
 from imu_bench.metrology import allan, coefficients
-from imu_bench.metrology.gauss_markov import Process
+from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.metrology.noise_fit import fitted
 import numpy as np
 import pytest

@@ -2,7 +2,7 @@
 """Two sensors with clocks and rates of their own: offset, gain and coherence as put in."""
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.response import compare, Trace
+from imu_bench.metrology.spectra.response import compare, Trace
 import numpy as np
 import pytest
 

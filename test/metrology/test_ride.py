@@ -4,7 +4,7 @@
 import csv
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.ride import find_ride, integrate_ride, Span
+from imu_bench.metrology.trials.ride import find_ride, integrate_ride, Span
 import numpy as np
 import pytest
 

@@ -4,9 +4,10 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from imu_bench.errors import DataError, NotReady
-from imu_bench.metrology import allan, timing
+from imu_bench.metrology import allan
 from imu_bench.metrology.moments import Moments
 from imu_bench.metrology.rolling import RollingAnalysis
+from imu_bench.metrology.stamps import timing
 import numpy as np
 import pytest
 

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A glance rules out what no fit describes, and nothing that one does."""
 
-from imu_bench.metrology import allan, fit_range, noise_fit
+from imu_bench.metrology import allan, noise_fit
 from imu_bench.metrology.coefficients import CurveFits
-from imu_bench.metrology.model_choice import fit_subsets
-from imu_bench.metrology.model_fit import prepare
-from imu_bench.metrology.screening import glance
+from imu_bench.metrology.fitting import fit_range
+from imu_bench.metrology.fitting.model_choice import fit_subsets
+from imu_bench.metrology.fitting.model_fit import prepare
+from imu_bench.metrology.fitting.screening import glance
 import numpy as np
 import pytest
 from scipy import signal

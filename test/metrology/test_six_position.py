@@ -4,9 +4,9 @@
 import json
 
 from imu_bench.errors import DataError
-from imu_bench.metrology import six_position as six
-from imu_bench.metrology import turns
-from imu_bench.metrology.still import find_positions, Position
+from imu_bench.metrology.trials import six_position as six
+from imu_bench.metrology.trials import turns
+from imu_bench.metrology.trials.still import find_positions, Position
 from imu_bench.units import STANDARD_GRAVITY
 import numpy as np
 import pytest

@@ -2,7 +2,7 @@
 """The signal-to-noise ratio is the one MATLAB's documentation defines."""
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.snr import snr
+from imu_bench.metrology.spectra.snr import snr
 import numpy as np
 import pytest
 

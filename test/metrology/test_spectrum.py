@@ -6,7 +6,7 @@ import tracemalloc
 
 from imu_bench.errors import DataError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.spectrum import (
+from imu_bench.metrology.spectra.spectrum import (
     compare_densities,
     density_from_sigma,
     equivalent_noise_bandwidth,

@@ -2,7 +2,7 @@
 """Stands between steps are found where they are, and nowhere else."""
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.steps import find_stands
+from imu_bench.metrology.trials.steps import find_stands
 import numpy as np
 import pytest
 

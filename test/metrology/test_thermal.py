@@ -2,8 +2,8 @@
 """Bias against temperature: what goes in comes out, with intervals that hold."""
 
 from imu_bench.errors import DataError
-from imu_bench.metrology import thermal
-from imu_bench.metrology.warm_up import warm_up
+from imu_bench.metrology.trials import thermal
+from imu_bench.metrology.trials.warm_up import warm_up
 import numpy as np
 import pytest
 

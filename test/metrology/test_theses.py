@@ -10,9 +10,10 @@ said to come from, the test says so and shows what it does follow from.
 
 import math
 
-from imu_bench.metrology import confidence, spectrum
+from imu_bench.metrology.deviations import confidence
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.kalman import white_sigma
+from imu_bench.metrology.markov.kalman import white_sigma
+from imu_bench.metrology.spectra import spectrum
 from imu_bench.units import convert
 import pytest
 

@@ -4,10 +4,10 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from imu_bench.errors import DataError
-from imu_bench.metrology import timing
-from imu_bench.metrology.continuity import Continuity
-from imu_bench.metrology.stamp_rule import Rule
-from imu_bench.metrology.time_grid import LONGEST_HOLE
+from imu_bench.metrology.stamps import timing
+from imu_bench.metrology.stamps.continuity import Continuity
+from imu_bench.metrology.stamps.stamp_rule import Rule
+from imu_bench.metrology.stamps.time_grid import LONGEST_HOLE
 import numpy as np
 import pytest
 

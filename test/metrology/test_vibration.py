@@ -3,9 +3,9 @@
 
 from imu_bench.errors import DataError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.filtering import moving_average, zero_phase
-from imu_bench.metrology.tones import Tone
-from imu_bench.metrology.vibration import (
+from imu_bench.metrology.spectra.filtering import moving_average, zero_phase
+from imu_bench.metrology.spectra.tones import Tone
+from imu_bench.metrology.trials.vibration import (
     crank_frequency,
     dominant,
     families,

@@ -5,7 +5,7 @@ import math
 
 from imu_bench.errors import DataError
 from imu_bench.metrology import allan, coefficients, whittle
-from imu_bench.metrology.gauss_markov import Process
+from imu_bench.metrology.markov.gauss_markov import Process
 import numpy as np
 import pytest
 from scipy import fft

@@ -2,7 +2,7 @@
 """Quiet and shaken parts are found where they are."""
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.zones import power, runs, shaken, Zone
+from imu_bench.metrology.trials.zones import power, runs, shaken, Zone
 import numpy as np
 import pytest
 

@@ -3,9 +3,9 @@
 
 from imu_bench.metrology import allan
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.gauss_markov import Process
+from imu_bench.metrology.fitting.noise_model import gauss_markov_variance
+from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.metrology.noise_fit import fitted
-from imu_bench.metrology.noise_model import gauss_markov_variance
 from imu_bench.offline import drift
 from imu_bench.offline.blocks import averages
 from imu_bench.offline.gauss_markov_result import Drift, DriftModel

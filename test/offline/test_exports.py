@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.gauss_markov import Process
+from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.offline.analyse import analyse
 from imu_bench.offline.exports import FORMATS, render
 from imu_bench.offline.exports.numbers import Numbers

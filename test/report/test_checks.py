@@ -3,7 +3,7 @@
 
 from dataclasses import replace
 
-from imu_bench.metrology.gauss_markov import Process
+from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.offline.analyse import analyse
 from imu_bench.offline.recordings import Recording
 from imu_bench.offline.report import checks_figures, checks_text

@@ -9,7 +9,7 @@ import math
 
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.spectrum import two_sided
+from imu_bench.metrology.spectra.spectrum import two_sided
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.gauss_markov_result import DriftModel, METHODS
 from imu_bench.offline.results import RecordingResult

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.timing import analyse, Gap, Timing
+from imu_bench.metrology.stamps.timing import analyse, Gap, Timing
 from imu_bench.offline.axes import axes, Axis
 from imu_bench.offline.health import runs, signals, stamps
 from imu_bench.offline.health.finding import Finding, SEVERITIES, worst

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from imu_bench.metrology.timing import Timing
+from imu_bench.metrology.stamps.timing import Timing
 from imu_bench.offline.health.finding import Finding
 from imu_bench.offline.notation import count, duration, number, percent, text
 from imu_bench.offline.recordings import Recording

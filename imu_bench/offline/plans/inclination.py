@@ -14,7 +14,7 @@ from typing import Any
 
 from imu_bench.config.schema import parse_quantity, Setting
 from imu_bench.errors import ConfigError, RecordingError
-from imu_bench.metrology.inclination import ANGLES
+from imu_bench.metrology.trials.inclination import ANGLES
 from imu_bench.offline.health import Finding
 from imu_bench.offline.notation import text
 from imu_bench.offline.plans.common import named, rate_of

@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from imu_bench.config.schema import Setting
-from imu_bench.metrology.crosstalk import COVERAGE
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.snr import HARMONICS
+from imu_bench.metrology.spectra.snr import HARMONICS
+from imu_bench.metrology.trials.crosstalk import COVERAGE
 from imu_bench.offline.health import Finding
 from imu_bench.offline.notation import text
 from imu_bench.offline.plans.plan import Plan

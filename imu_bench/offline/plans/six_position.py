@@ -13,7 +13,7 @@ from pathlib import Path
 
 from imu_bench.config.schema import Setting
 from imu_bench.errors import os_error_text, RecordingError
-from imu_bench.metrology.six_position import Calibration
+from imu_bench.metrology.trials.six_position import Calibration
 from imu_bench.offline.health import Finding
 from imu_bench.offline.notation import text
 from imu_bench.offline.plans.common import named

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from imu_bench.config.schema import Setting
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.spectrum import density_from_sigma
+from imu_bench.metrology.spectra.spectrum import density_from_sigma
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.comparison import labels, ratio, typical_of
 from imu_bench.offline.health import Finding

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.noise_model import TERM_NAMES
+from imu_bench.metrology.fitting.noise_model import TERM_NAMES
 from imu_bench.offline.comparison import Comparison, Standing
 from imu_bench.offline.notation import count, duration, number, readable_unit, text
 from imu_bench.offline.report import against_datasheet

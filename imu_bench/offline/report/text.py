@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.noise_model import TERM_NAMES
+from imu_bench.metrology.fitting.noise_model import TERM_NAMES
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.comparison import Comparison, Standing
 from imu_bench.offline.health import Health

@@ -7,7 +7,7 @@ import json
 from imu_bench import bench
 from imu_bench.config.location import named_file
 from imu_bench.errors import ConfigError, RecordingError
-from imu_bench.metrology.response import Trace
+from imu_bench.metrology.spectra.response import Trace
 from imu_bench.offline.plans.vibration import Vibration
 from imu_bench.offline.recordings import load_all, open_source, ReadOptions
 from imu_bench.simulation.recording import write_bag

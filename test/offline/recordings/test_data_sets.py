@@ -15,7 +15,7 @@ from pathlib import Path
 from imu_bench.bags.bag import Bag
 from imu_bench.bags.ros1 import Ros1File
 from imu_bench.errors import RecordingError
-from imu_bench.metrology.timing import analyse
+from imu_bench.metrology.stamps.timing import analyse
 from imu_bench.offline.analyse import analyse as measured
 from imu_bench.offline.axes import axes
 from imu_bench.offline.notation import count, duration, number

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 from imu_bench.errors import DataError, RecordingError
-from imu_bench.metrology import time_grid
+from imu_bench.metrology.stamps import time_grid
 from imu_bench.offline.comparison import labels, Named
 from imu_bench.offline.recordings import Recording
 import numpy as np

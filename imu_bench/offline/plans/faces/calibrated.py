@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from imu_bench.errors import DataError, RecordingError
-from imu_bench.metrology import six_position, turns
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.six_position import Calibration, Held
-from imu_bench.metrology.still import find_positions, Position
+from imu_bench.metrology.trials import six_position, turns
+from imu_bench.metrology.trials.six_position import Calibration, Held
+from imu_bench.metrology.trials.still import find_positions, Position
 from imu_bench.offline.plans.common import Floats, place, rate_of
 from imu_bench.offline.recordings import Recording
 import numpy as np

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from imu_bench import __version__
 from imu_bench.errors import RecordingError
-from imu_bench.metrology.six_position import Calibration
+from imu_bench.metrology.trials.six_position import Calibration
 from imu_bench.offline.plans.faces.calibrated import Calibrated
 
 _HEAD = """\

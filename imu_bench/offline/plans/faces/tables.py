@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.six_position import AXES, Calibration, face
+from imu_bench.metrology.trials.six_position import AXES, Calibration, face
 from imu_bench.offline.plans.faces.calibrated import Calibrated
 from imu_bench.offline.plans.result import Cell, Column, PlanFigure, Series, Table
 import numpy as np

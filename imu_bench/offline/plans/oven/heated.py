@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from imu_bench.errors import DataError, RecordingError
-from imu_bench.metrology import thermal
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.warm_up import warm_up, WarmUp
+from imu_bench.metrology.trials import thermal
+from imu_bench.metrology.trials.warm_up import warm_up, WarmUp
 from imu_bench.offline.axes import axes
 from imu_bench.offline.plans.common import Floats, place, seconds
 from imu_bench.offline.recordings import Recording

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from imu_bench.metrology.thermal import Thermal
+from imu_bench.metrology.trials.thermal import Thermal
 from imu_bench.offline.plans.oven.heated import Heated
 from imu_bench.offline.plans.result import Cell, Column, PlanFigure, Series, Table
 from imu_bench.samples import IMU_QUANTITIES, Quantity

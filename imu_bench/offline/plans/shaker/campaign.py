@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
 
-from imu_bench.metrology.crosstalk import (
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.trials.crosstalk import (
     Compatibility,
     compatibility,
     magnitude,
@@ -16,7 +17,6 @@ from imu_bench.metrology.crosstalk import (
     Repeated,
     repeated,
 )
-from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.plans.shaker.measuring import AxisRun, SensorRun
 from imu_bench.samples import AXES, IMU_QUANTITIES, LINEAR_ACCELERATION, Quantity
 from imu_bench.units import convert

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from imu_bench.metrology.crosstalk import Repeated
+from imu_bench.metrology.trials.crosstalk import Repeated
 from imu_bench.offline.plans.result import PlanFigure, Series
 from imu_bench.offline.plans.shaker.campaign import Campaign, Case, INDICES
 from imu_bench.offline.plans.shaker.measuring import Shaken

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from imu_bench.errors import DataError, RecordingError
-from imu_bench.metrology import zones as zoning
-from imu_bench.metrology.crosstalk import mean_squares
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.moments import Moments
-from imu_bench.metrology.snr import snr
-from imu_bench.metrology.time_grid import Grid, grid, place
-from imu_bench.metrology.zones import Run, stretches, Zone
+from imu_bench.metrology.spectra.snr import snr
+from imu_bench.metrology.stamps.time_grid import Grid, grid, place
+from imu_bench.metrology.trials import zones as zoning
+from imu_bench.metrology.trials.crosstalk import mean_squares
+from imu_bench.metrology.trials.zones import Run, stretches, Zone
 from imu_bench.offline.axes import axes, Axis
 from imu_bench.offline.comparison import labels
 from imu_bench.offline.plans.shaker.identity import identify, Identity, SWEPT

@@ -9,9 +9,9 @@ import math
 from typing import Any
 
 from imu_bench.errors import RecordingError
-from imu_bench.metrology import inclination
 from imu_bench.metrology.combining import shifted
 from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.trials import inclination
 from imu_bench.offline.plans.tilt.measured import Tilted
 
 DEGREE = math.degrees(1.0)

@@ -12,9 +12,9 @@ from imu_bench.metrology import allan
 from imu_bench.metrology.combining import difference
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.inclination import inclination
 from imu_bench.metrology.statistics import describe
-from imu_bench.metrology.steps import find_stands, Stands
+from imu_bench.metrology.trials.inclination import inclination
+from imu_bench.metrology.trials.steps import find_stands, Stands
 from imu_bench.offline.plans.common import Floats, place, rate_of, seconds, thinned
 from imu_bench.offline.recordings import Recording
 from imu_bench.offline.recordings.companions import beside

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from imu_bench.errors import DataError, RecordingError
-from imu_bench.metrology.crosstalk import ratio_db
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.response import compare, Response
-from imu_bench.metrology.tones import Tone
+from imu_bench.metrology.spectra.response import compare, Response
+from imu_bench.metrology.spectra.tones import Tone
+from imu_bench.metrology.trials.crosstalk import ratio_db
 from imu_bench.offline.plans.vibrations.measuring import AxisVibration, SensorVibration
 
 TONES = 3

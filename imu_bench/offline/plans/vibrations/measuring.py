@@ -9,16 +9,16 @@ import math
 from typing import Any
 
 from imu_bench.errors import DataError, RecordingError
-from imu_bench.metrology.crosstalk import mean_squares
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.filtering import moving_average, zero_phase
-from imu_bench.metrology.response import Trace
-from imu_bench.metrology.ride import find_ride, integrate_ride, Ride
-from imu_bench.metrology.snr import snr
-from imu_bench.metrology.time_grid import grid, place
-from imu_bench.metrology.tones import Tone
-from imu_bench.metrology.vibration import dominant, integrals, Levels, levels
-from imu_bench.metrology.welch import Spectrum
+from imu_bench.metrology.spectra.filtering import moving_average, zero_phase
+from imu_bench.metrology.spectra.response import Trace
+from imu_bench.metrology.spectra.snr import snr
+from imu_bench.metrology.spectra.tones import Tone
+from imu_bench.metrology.spectra.welch import Spectrum
+from imu_bench.metrology.stamps.time_grid import grid, place
+from imu_bench.metrology.trials.crosstalk import mean_squares
+from imu_bench.metrology.trials.ride import find_ride, integrate_ride, Ride
+from imu_bench.metrology.trials.vibration import dominant, integrals, Levels, levels
 from imu_bench.offline.axes import axes
 from imu_bench.offline.plans.result import Image
 from imu_bench.offline.plans.vibrations.pictures import Picture, spectrogram, thinned

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.tones import Tone
-from imu_bench.metrology.vibration import crank_frequency, families, Family
+from imu_bench.metrology.spectra.tones import Tone
+from imu_bench.metrology.trials.vibration import crank_frequency, families, Family
 from imu_bench.offline.plans.result import Cell, Column, Table
 from imu_bench.offline.plans.vibrations.comparing import Against, origins, TONES
 from imu_bench.offline.plans.vibrations.measuring import AxisVibration, SensorVibration

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The samples of a sliding window, and their integral, in memory of fixed size."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator
+
+from imu_bench.metrology.sliding.rolling_intake import Piece
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+QUIET = 64
+"""Samples over which the noise is looked at to see whether the integral ran away."""
+
+RUNAWAY = 2.0**20
+"""Integral over noise of one step from which it is taken anew: ten digits are left."""
+
+
+class SampleRing:
+    """
+    A window of samples that moves along a stream.
+
+    Samples are numbered from the start of the stream.  Missing samples take no
+    place: a break marks where an uninterrupted run ends and the next begins.
+
+    The integral (the phase of the Allan variance) loses digits where it grows
+    large against the noise.  It is therefore summed up again from the samples,
+    backwards from the newest, with the latest mean taken out, whenever the
+    memory is full and whenever a step or a transient made it run away; no
+    rounding of the past survives in it.
+
+    Attributes
+    ----------
+    first, end : int
+        Number of the oldest sample held, and of the one that comes next.
+    floor : int
+        Number of the first sample after the clock was last set back.
+    phase : ndarray, shape (axes, capacity + 1)
+        ``phase[:, k - first]`` is the sum of what comes before sample k.
+    breaks : list of int
+        Numbers of the samples before which some are missing, in order.
+    steps : list of float
+        Time in ns across each of these gaps.
+    """
+
+    def __init__(self, axes: int, window: int, slack: int) -> None:
+        self.window = window
+        self.capacity = window + slack
+        self.first = self.end = self.floor = 0
+        self.breaks: list[int] = []
+        self.steps: list[float] = []
+        self.stamps = np.zeros(self.capacity, dtype=np.int64)
+        self.values = np.zeros((axes, self.capacity))
+        self.phase = np.zeros((axes, self.capacity + 1))
+        self._slope = np.zeros((axes, 1))
+
+    @property
+    def nbytes(self) -> int:
+        """Memory in bytes; it never changes."""
+        return self.stamps.nbytes + self.values.nbytes + self.phase.nbytes
+
+    @property
+    def room(self) -> int:
+        """Samples that fit before older ones have to go."""
+        return self.capacity - (self.end - self.first)
+
+    def write(self, piece: Piece) -> None:
+        """Append samples, at most `room`."""
+        stamps, values = piece.stamps, piece.values
+        n = stamps.size
+        place = self.end - self.first
+        if self.end == 0:
+            self._slope = values[:, :1].copy()
+        self.stamps[place : place + n] = stamps
+        self.values[:, place : place + n] = values
+        step = self.phase[:, place + 1 : place + 1 + n]
+        np.subtract(values, self._slope, out=step)
+        np.cumsum(step, axis=1, out=step)
+        step += self.phase[:, place : place + 1]
+        for index, gap in zip(piece.breaks, piece.steps, strict=True):
+            self.breaks.append(self.end + index)
+            self.steps.append(gap)
+            if gap < 0:
+                self.floor = self.end + index
+        self.end += n
+
+    def mark(self) -> tuple[int, int, int]:
+        """Return where the ring ends, for `rollback`."""
+        return self.end, len(self.breaks), self.floor
+
+    def rollback(self, mark: tuple[int, int, int]) -> None:
+        """Take back the samples written since `mark`."""
+        self.end, count, self.floor = mark
+        del self.breaks[count:], self.steps[count:]
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.first = self.end = self.floor = 0
+        self.breaks.clear()
+        self.steps.clear()
+
+    def since(self, window_ns: int) -> int:
+        """
+        Return the number of the first sample less than `window_ns` before the newest.
+
+        Samples before the clock was set back do not count.
+        """
+        low, high = max(self.floor - self.first, 0), self.end - self.first
+        if low >= high:
+            return self.end
+        stamps = self.stamps[low:high]
+        oldest = int(np.searchsorted(stamps, stamps[-1] - window_ns, side='right'))
+        return self.first + low + max(oldest, high - low - self.window)
+
+    def overrun(self, window_ns: int) -> bool:
+        """Return whether samples that belong to the window had to go."""
+        oldest = self.since(window_ns)
+        full = self.end - oldest >= self.window or oldest == self.first > 0
+        return full and bool(
+            self.stamps[self.end - self.first - 1] - self.stamps[oldest - self.first]
+            < 0.99 * window_ns
+        )
+
+    def stamps_from(self, start: int) -> Integers:
+        """Return the stamps from one sample on."""
+        return self.stamps[start - self.first : self.end - self.first]
+
+    def breaks_from(self, start: int) -> tuple[Integers, Floats]:
+        """Return the breaks after one sample, as indices counted from it, and their steps."""
+        after = bisect_right(self.breaks, start)
+        breaks = np.array(self.breaks[after:], dtype=np.int64) - start
+        return breaks, np.array(self.steps[after:], dtype=np.float64)
+
+    def make_room(self, oldest: int) -> None:
+        """Drop the samples before `oldest`, or more if the window does not hold the rest."""
+        oldest = max(oldest, self.end - self.window)
+        drop, size = oldest - self.first, self.end - oldest
+        for row in (self.stamps, *self.values):
+            row[:size] = row[drop : drop + size]
+        self.first = oldest
+        gone = bisect_right(self.breaks, oldest)
+        del self.breaks[:gone], self.steps[:gone]
+        if size:
+            self._integrate(self.values[:, :size].mean(axis=1, keepdims=True))
+
+    def check(self, count: int) -> None:
+        """Take the integral anew if it ran away in the newest `count` samples."""
+        size = self.end - self.first
+        blocks = count // QUIET
+        if blocks == 0:
+            return
+        newest = self.values[:, size - blocks * QUIET : size].reshape(-1, blocks, QUIET)
+        steps = np.diff(newest, axis=2)
+        power = np.einsum('ijk,ijk->ij', steps, steps) / (QUIET - 1)
+        still = np.where(power > 0.0, power, np.inf)
+        quietest = np.argmin(still, axis=1)
+        noise = np.sqrt(np.min(still, axis=1))
+        if np.any(np.abs(self.phase[:, size]) > RUNAWAY * noise):
+            level = newest[np.arange(newest.shape[0]), quietest].mean(axis=1)
+            self._integrate(level[:, None])
+
+    def _integrate(self, slope: Floats) -> None:
+        size = self.end - self.first
+        self._slope = slope
+        backwards = self.phase[:, size - 1 :: -1][:, :size]
+        np.subtract(slope, self.values[:, size - 1 :: -1][:, :size], out=backwards)
+        np.cumsum(backwards, axis=1, out=backwards)
+        self.phase[:, size] = 0.0
+
+    def runs(self, start: int, low: int, high: int) -> Iterator[tuple[int, int]]:
+        """
+        Give first and one past the last sample of the runs with a sample from low to high.
+
+        Samples before `start` do not count.
+        """
+        after = bisect_right(self.breaks, max(low, start))
+        first = max(start, self.breaks[after - 1]) if after else start
+        for place in self.breaks[after : bisect_right(self.breaks, high - 1)]:
+            yield first, place
+            first, after = place, after + 1
+        yield first, self.breaks[after] if after < len(self.breaks) else self.end

@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Vibration in time and in orders: levels, velocity and displacement, harmonic families."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from imu_bench.errors import DataError
+from imu_bench.metrology.estimate import CONFIDENCE, Estimate
+from imu_bench.metrology.spectra.filtering import zero_phase
+from imu_bench.metrology.spectra.tones import floor, Tone, tones
+from imu_bench.metrology.spectra.welch import psd, Spectrum
+from imu_bench.metrology.statistics import describe
+import numpy as np
+import numpy.typing as npt
+from scipy import integrate, special
+
+Floats = npt.NDArray[np.float64]
+
+MOST_ORDERS = 32
+_PARTS = 8
+_SEGMENTS_PER_PART = 3
+_HIGHEST_DIVISOR = 4
+_REACH = 4.0
+_LASTING = 0.5
+
+
+@dataclass(frozen=True)
+class Levels:
+    """
+    Levels of a vibration about its mean.
+
+    Attributes
+    ----------
+    peak, peak_to_peak : Estimate
+        Of this record; they grow with its length and carry no interval.
+    rms : Estimate
+    crest_factor : Estimate
+        Peak over RMS, with the interval that the RMS gives it.
+    """
+
+    peak: Estimate
+    peak_to_peak: Estimate
+    rms: Estimate
+    crest_factor: Estimate
+
+
+def levels(data: npt.ArrayLike, unit: str, confidence: float = CONFIDENCE) -> Levels:
+    """
+    Return peak, peak to peak, RMS and crest factor.
+
+    Shabulinzenze 2020, Tampere University MSc thesis, section 4.4.2 and figure 4.6.
+
+    Parameters
+    ----------
+    data : array_like, shape (n,)
+        Of one axis; what is not finite is left out.
+    unit : str
+        That of the data.
+    confidence : float
+        Level of the intervals.
+
+    Raises
+    ------
+    DataError
+        If no finite sample is left.
+
+    Examples
+    --------
+    >>> found = levels(np.sin(2 * np.pi * np.arange(8000) / 80), 'm/s²')
+    >>> [round(e.value, 3) for e in (found.peak, found.peak_to_peak, found.rms)]
+    [1.0, 2.0, 0.707]
+    >>> round(found.crest_factor.value, 3)
+    1.414
+    """
+    known = describe(data, unit, confidence)
+    peak, rms = known.peak.value, known.rms
+    if peak is None or not rms.value or not rms.low or not rms.high:
+        crest = Estimate.not_observable('1', 'nothing moves', confidence=confidence)
+    else:
+        crest = Estimate(peak / rms.value, peak / rms.high, peak / rms.low, '1', confidence)
+    return Levels(known.peak, known.peak_to_peak, rms, crest)
+
+
+def integrals(data: npt.ArrayLike, rate_hz: float, high_pass: float) -> tuple[Floats, Floats]:
+    """
+    Return velocity and displacement of a vibration.
+
+    Before and after each integration what is slower than `high_pass` is taken out, without
+    delay: it holds bias, gravity and drift, which integration would let grow without limit.
+    The ends are within the reach of the filter; a period of it is set to zero there.
+
+    Parameters
+    ----------
+    data : array_like, shape (n,)
+        Acceleration in m/s².
+    rate_hz : float
+    high_pass : float
+        Hz.
+
+    Returns
+    -------
+    velocity, displacement : ndarray, shape (n,)
+        m/s and m.
+
+    Examples
+    --------
+    >>> t = np.arange(20_000) / 1000.0
+    >>> v, d = integrals(9.8 + np.cos(2 * np.pi * 20 * t), 1000.0, 2.0)
+    >>> round(float(v[5000:15000].max()) * 2 * np.pi * 20, 2)
+    1.0
+    """
+    period = 1.0 / rate_hz
+    values = np.asarray(data, dtype=np.float64)
+    pure = zero_phase(values - values.mean(), rate_hz, high_pass=high_pass)
+    steps = []
+    for _ in range(2):
+        pure = integrate.cumulative_trapezoid(pure, dx=period, initial=0.0)
+        pure = zero_phase(pure - pure.mean(), rate_hz, high_pass=high_pass)
+        steps.append(pure.copy())
+    edge = min(values.size // 4, round(rate_hz / high_pass))
+    for step in steps:
+        step[:edge] = step[-edge:] = 0.0
+    return steps[0], steps[1]
+
+
+def dominant(
+    data: npt.ArrayLike,
+    rate_hz: float,
+    unit: str,
+    *,
+    resolution_hz: float,
+    confidence: float = CONFIDENCE,
+) -> tuple[Spectrum, tuple[Tone, ...]]:
+    """
+    Return the spectrum of a vibration and its tones, strongest first.
+
+    The frequency of a machine wanders.  What `tones` says of a tone holds for a steady one;
+    here each tone is found again in up to eight parts of the record.  Where they scatter more
+    than a steady tone would, the frequency is the centroid of its power, and the intervals are
+    those of the parts; what is not there in most of them, such as the ringing of a thud, is left
+    out.
+
+    Parameters
+    ----------
+    data : array_like, shape (n,)
+        On the regular time grid.
+    rate_hz : float
+    unit : str
+    resolution_hz : float
+        Distance of the bins.
+
+    Raises
+    ------
+    DataError
+        If the record is shorter than one segment of this resolution.
+
+    Examples
+    --------
+    >>> t = np.arange(60_000) / 1000.0
+    >>> x = np.sin(2 * np.pi * 26.67 * t) + 0.1 * np.random.default_rng(1).normal(size=t.size)
+    >>> _, found = dominant(x, 1000.0, 'm/s²', resolution_hz=0.5)
+    >>> round(found[0].frequency.value, 2), round(found[0].amplitude.value, 2)
+    (26.67, 1.0)
+    """
+    values = np.asarray(data, dtype=np.float64)
+    spectrum = psd(values, rate_hz, unit, resolution_hz=resolution_hz, confidence=confidence)
+    found = tones(spectrum)
+    segment = rate_hz / resolution_hz
+    parts = int(min(_PARTS, values.size / (_SEGMENTS_PER_PART * segment)))
+    if not found or parts < 3:
+        return spectrum, found
+    whole = _Lines(spectrum, floor(spectrum))
+    pieces = [
+        _Lines(piece, floor(piece))
+        for part in np.array_split(values, parts)
+        for piece in (psd(part, rate_hz, unit, resolution_hz=resolution_hz),)
+    ]
+    scattered = [_wandering(tone, whole, pieces) for tone in found]
+    return spectrum, tuple(tone for tone in scattered if _lasting(tone))
+
+
+def _lasting(tone: Tone) -> bool:
+    """Return whether a tone is there throughout, and no bump or thud."""
+    amplitude = tone.amplitude
+    return (amplitude.low or 0.0) > _LASTING * (amplitude.value or 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """A spectrum and its floor."""
+
+    spectrum: Spectrum
+    level: Floats
+
+    def around(self, frequency_hz: float) -> tuple[float, float]:
+        """Return centroid and amplitude of what is above the floor near a frequency."""
+        step = self.spectrum.resolution
+        near = np.abs(self.spectrum.frequency - frequency_hz) <= _REACH * step
+        power = np.clip(self.spectrum.density[near] - self.level[near], 0.0, None)
+        total = float(power.sum())
+        if total == 0.0:
+            return frequency_hz, 0.0
+        centre = float(self.spectrum.frequency[near] @ power) / total
+        return centre, math.sqrt(2.0 * total * step)
+
+
+def _wandering(tone: Tone, whole: _Lines, pieces: Sequence[_Lines]) -> Tone:
+    """Return a tone with the scatter over the parts, where that is more than of a steady one."""
+    centre = tone.frequency.value or 0.0
+    parts = [piece.around(centre) for piece in pieces]
+    frequencies, amplitudes = zip(*parts, strict=True)
+    return Tone(
+        _wider(tone.frequency, whole.around(centre)[0], frequencies),
+        _wider(tone.amplitude, tone.amplitude.value or 0.0, amplitudes),
+        tone.above_floor,
+        tone.steady,
+    )
+
+
+def _wider(estimate: Estimate, middle: float, parts: Sequence[float]) -> Estimate:
+    """Return `middle` with the scatter of the parts, or the estimate if that is surer of less."""
+    if estimate.value is None or estimate.low is None or estimate.high is None:
+        return estimate
+    confidence, count = estimate.confidence, len(parts)
+    error = float(np.std(parts, ddof=1)) / math.sqrt(count)
+    half = error * float(special.stdtrit(count - 1, 0.5 + confidence / 2.0))
+    if half <= 0.5 * (estimate.high - estimate.low):
+        return estimate
+    low = middle - half if estimate.unit == 'Hz' else max(middle - half, 0.0)
+    return Estimate(middle, low, middle + half, estimate.unit, confidence, method='parts')
+
+
+@dataclass(frozen=True)
+class Family:
+    """
+    Tones at whole multiples of one frequency.
+
+    Attributes
+    ----------
+    fundamental : Estimate
+        Hz, from the strongest member.
+    members : tuple of (int, Tone)
+        Multiple and tone, in rising order.
+    """
+
+    fundamental: Estimate
+    members: tuple[tuple[int, Tone], ...]
+
+    @property
+    def strongest(self) -> Tone:
+        """The member of the largest amplitude."""
+        return max((tone for _, tone in self.members), key=lambda t: t.amplitude.value or 0.0)
+
+
+def families(found: Sequence[Tone], tolerance_hz: float) -> tuple[Family, ...]:
+    """
+    Return the families of harmonics among tones, the strongest first.
+
+    A family has a tone at its fundamental and at least one more.  Of the tones at the
+    strongest frequency and at its half, third and quarter, the fundamental is the one that
+    explains most tones.
+
+    Parameters
+    ----------
+    found : sequence of Tone
+    tolerance_hz : float
+        How near to a multiple a tone must be.
+
+    Examples
+    --------
+    >>> made = [Tone(Estimate(f, None, None, 'Hz'), Estimate(a, None, None, 'm/s²'), 1e3, True)
+    ...         for f, a in ((26.67, 1.2), (53.33, 0.6), (13.33, 0.2), (41.0, 0.1))]
+    >>> family = families(made, 0.3)[0]
+    >>> round(family.fundamental.value, 2), [order for order, _ in family.members]
+    (13.34, [1, 2, 4])
+    """
+    left = sorted(found, key=lambda tone: -(tone.amplitude.value or 0.0))
+    groups: list[Family] = []
+    while len(left) >= 2:
+        strongest = left[0]
+        top = strongest.frequency.value or 0.0
+        choices = [
+            (divisor, _members(left, top / divisor, tolerance_hz))
+            for divisor in range(1, _HIGHEST_DIVISOR + 1)
+            if top / divisor > 4.0 * tolerance_hz
+        ]
+        choices = [(d, m) for d, m in choices if len(m) >= 2 and m[0][0] == 1]
+        if choices:
+            divisor, members = max(choices, key=lambda item: (len(item[1]), -item[0]))
+            base = strongest.frequency.scaled(1.0 / divisor, 'Hz')
+            groups.append(Family(base, tuple(members)))
+            taken = {id(tone) for _, tone in members}
+            left = [tone for tone in left if id(tone) not in taken]
+        else:
+            left = left[1:]
+    return tuple(groups)
+
+
+def _members(found: Sequence[Tone], base: float, tolerance_hz: float) -> list[tuple[int, Tone]]:
+    """Return multiples and tones at multiples of `base`; of several at one, the strongest."""
+    members: dict[int, Tone] = {}
+    for tone in found:
+        frequency = tone.frequency.value or 0.0
+        order = round(frequency / base)
+        if 1 <= order <= MOST_ORDERS and abs(frequency - order * base) <= tolerance_hz:
+            members.setdefault(order, tone)
+    return sorted(members.items())
+
+
+def crank_frequency(firing: Estimate, cylinders: int) -> Estimate:
+    """
+    Return revolutions per second of a four-stroke engine from its firing frequency.
+
+    Each cylinder fires every second revolution: Shabulinzenze 2020, Tampere University MSc
+    thesis, section 4.4.4, where four cylinders at 800 rpm give 26.667 Hz.
+
+    Raises
+    ------
+    DataError
+        If there is no cylinder.
+
+    Examples
+    --------
+    >>> round(crank_frequency(Estimate(26.667, 26.66, 26.68, 'Hz'), 4).to('rpm').value)
+    800
+    """
+    if cylinders < 1:
+        raise DataError(f'an engine has cylinders, not {cylinders}')
+    return firing.scaled(2.0 / cylinders, 'Hz')
