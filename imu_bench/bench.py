@@ -56,8 +56,10 @@ def settings_of(driver: str) -> Iterable[Checkable]:
     Raises
     ------
     ConfigError
-        If there is no such driver, with the names there are.
+        If there is no such driver, or none is named, with the names there are.
     """
+    if not driver:
+        raise ConfigError(f'missing; allowed: {", ".join(driver_names())}')
     if driver == GENERIC:
         from imu_bench.simulation import generic
 
@@ -361,16 +363,4 @@ def emulated_buses(
     return emulators.create(sensor.driver, kind, source, clock, line=line, **options)
 
 
-def _recorded(
-    sensor: SensorConfig,
-    clock: Clock,
-    switched_on_ns: int | None = None,
-    beginning: Beginning | None = None,
-) -> Device:
-    raise ConfigError(
-        f'{sensor.source}.backend: recorded sensors cannot be played back; '
-        'allowed: hardware, emulated'
-    )
-
-
-_BACKENDS = {'hardware': _hardware, 'emulated': _emulated, 'recorded': _recorded}
+_BACKENDS = {'hardware': _hardware, 'emulated': _emulated}

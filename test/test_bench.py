@@ -159,7 +159,7 @@ def test_a_generic_source_has_no_hardware_and_says_so():
         bench.build(sensor)
 
 
-def test_a_recorded_backend_names_what_is_available():
+def test_an_unknown_backend_names_what_is_available():
     with pytest.raises(ConfigError, match='allowed: hardware, emulated'):
         bench.build(config_of(backend='recorded', rate_hz=100.0))
 

@@ -141,7 +141,7 @@ def test_every_problem_is_told_at_once_with_its_path(tmp_path):
     )
     assert found == [
         f"{where}.ratehz: unknown; did you mean 'rate_hz'?",
-        f'{where}.backend: simulated is not allowed; allowed: hardware, emulated, recorded',
+        f'{where}.backend: simulated is not allowed; allowed: hardware, emulated',
         f'{where}.address: 128 is not allowed; allowed: -1 to 119',
         f'{where}.rate_hz: {number}',
     ]
@@ -149,7 +149,7 @@ def test_every_problem_is_told_at_once_with_its_path(tmp_path):
 
 def test_emulation_is_never_a_default(tmp_path):
     (found,) = problems(load_sensor, altered(tmp_path, backend=None))
-    assert found.endswith('backend: missing; allowed: hardware, emulated, recorded')
+    assert found.endswith('backend: missing; allowed: hardware, emulated')
 
 
 def test_an_unknown_driver_names_what_was_meant_or_what_there_is(tmp_path):
@@ -157,6 +157,13 @@ def test_an_unknown_driver_names_what_was_meant_or_what_there_is(tmp_path):
     assert found.endswith("ros__parameters.driver: no driver 'mpu925'; did you mean 'mpu9250'?")
     (found,) = problems(load_sensor, altered(tmp_path, driver='xyz'))
     assert 'generic' in found
+
+
+def test_a_missing_driver_names_those_there_are(tmp_path):
+    (found,) = problems(load_sensor, altered(tmp_path, driver=None))
+    assert 'ros__parameters.driver: missing; allowed: ' in found
+    assert 'generic, ' in found
+    assert 'mpu9250, ' in found
 
 
 def test_driver_settings_are_held_against_the_drivers_own(tmp_path):
@@ -295,6 +302,12 @@ def test_a_bench_without_sensors_says_what_to_write(tmp_path):
 
 
 def test_the_constraint_of_a_setting_is_written_out():
+    many = Setting('a', 1.0, '', allowed=tuple(map(float, range(1, 101))), unit='Hz')
+    assert many.constraint == '1, 2, 3, 4, 5, 6, 7, 8, … 100 Hz'
+    with pytest.raises(ConfigError, match=r'60\.5 is not allowed; .* 100 Hz; nearest 60 and 61$'):
+        many.check(60.5)
+    with pytest.raises(ConfigError, match=r'nearest 100$'):
+        many.check(1e6)
     assert Setting('a', 1.0, '', allowed=(1.0, 2.5), unit='g').constraint == '1, 2.5 g'
     assert Setting('a', 1, '', bounds=(0, math.inf)).constraint == '0 or more'
     assert Setting('a', True, '').constraint == 'true or false'

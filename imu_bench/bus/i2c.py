@@ -12,7 +12,7 @@ from imu_bench.errors import BusError
 
 _ENABLE = (
     'list the buses with "ls /dev/i2c-*"; on a Raspberry Pi put dtparam=i2c_arm=on into '
-    'config.txt and load the module i2c-dev'
+    '/boot/firmware/config.txt and load the module i2c-dev'
 )
 
 

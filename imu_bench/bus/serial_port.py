@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import errno
+import os
 from typing import Any
 
 from imu_bench.bus.failures import hardware_library, translate
 from imu_bench.errors import BusError
 
-_ENABLE = 'list the lines with "ls /dev/ttyUSB* /dev/ttyACM* /dev/serial*", check the plug'
+_ENABLE = (
+    'list the lines with "ls /dev/ttyUSB* /dev/ttyACM* /dev/serial*", check the plug; for the '
+    'pins of a Raspberry Pi put enable_uart=1 into /boot/firmware/config.txt'
+)
 
 
 class SerialPort:
@@ -97,4 +101,6 @@ class SerialPort:
         # pyserial raises its own OSError, often without errno, when the plug is pulled
         if error.errno is None or (self._was_there and error.errno == errno.ENOENT):
             error = OSError(errno.ENODEV, str(error))
+        elif error.errno == errno.ENOENT:  # its text has the name and the number once more
+            error = OSError(errno.ENOENT, os.strerror(errno.ENOENT))
         return translate(error, self.name, group='dialout', enable=_ENABLE)

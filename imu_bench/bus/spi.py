@@ -12,7 +12,8 @@ from imu_bench.bus.wiring import Wiring
 from imu_bench.errors import BusError
 
 _ENABLE = (
-    'list the buses with "ls /dev/spidev*"; on a Raspberry Pi put dtparam=spi=on into config.txt'
+    'list the buses with "ls /dev/spidev*"; on a Raspberry Pi put dtparam=spi=on into '
+    '/boot/firmware/config.txt'
 )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-import shutil
 
 from imu_bench import bench
 from imu_bench.cli.main import complain
@@ -21,11 +20,10 @@ from imu_bench.offline.recordings import find_recordings, ReadOptions
 from imu_bench.offline.report.campaign_page import Chapter
 from imu_bench.offline.report.plan_page import write as write_page
 from imu_bench.offline.settings import Settings
+from imu_bench.offline.whole_files import whole_folder
 from imu_bench.offline.workers import Processes, usable_cores
 from imu_bench.simulation import recording
 from imu_bench.simulation.scenario import load_scenario
-
-_UNFINISHED = '.unfinished'
 
 
 def conduct(config: BenchConfig, test: BenchTest, arguments: argparse.Namespace) -> Chapter:
@@ -79,12 +77,8 @@ def _simulate(config: BenchConfig, test: BenchTest, missing: list[Run], folder: 
                     f'test {test.name}: scenario {run.scenario} has no end; give a duration'
                 )
             sensors = [bench.simulate(one, scenario, run=run.seed) for one in config.sensors]
-            unfinished = folder / _UNFINISHED / run.name
-            shutil.rmtree(unfinished, ignore_errors=True)
-            unfinished.parent.mkdir(exist_ok=True)
-            recording.write_bag(
-                unfinished, sensors, scenario, length,
-                storage=config.recorder.storage, run=run.seed, progress=step,
-            )  # fmt: skip
-            unfinished.rename(folder / run.name)
-            unfinished.parent.rmdir()
+            with whole_folder(folder / run.name) as draft:
+                recording.write_bag(
+                    draft, sensors, scenario, length,
+                    storage=config.recorder.storage, run=run.seed, progress=step,
+                )  # fmt: skip

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from imu_bench.offline.across_text import Row
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
 _DESCRIPTION = """\
 Compares results of `imu-bench analyze --json` of the same sensors, or of one sensor each, with the
@@ -79,9 +80,37 @@ def _show(across: Across, out: Console) -> None:
     groups = dict.fromkeys((line.sensor, line.run) for line in across.lines)
     for group in groups:
         rows = [across_text.row(line) for line in across.lines if (line.sensor, line.run) == group]
-        wide = _table(across.runs[0].name, *group, rows, _WIDE)
         out.print()
-        out.print(wide if fits(wide, out) else _table(across.runs[0].name, *group, rows, _NARROW))
+        tables = (_table(across.runs[0].name, *group, rows, names) for names in (_WIDE, _NARROW))
+        fitting = next((table for table in tables if fits(table, out)), None)
+        if fitting is None:
+            _stacked(across.runs[0].name, *group, rows, out)
+        else:
+            out.print(fitting)
+
+
+def _title(reference: str, sensor: str, run_name: str) -> Text:
+    from imu_bench.cli.words import clean
+    from rich.text import Text
+
+    return Text(clean(f'{sensor}: {run_name} against {reference}'), style='bold')
+
+
+def _stacked(
+    reference: str, sensor: str, run_name: str, rows: Sequence[Row], out: Console
+) -> None:
+    """Print one cell per line, for terminals too narrow for a table."""
+    from rich.text import Text
+
+    out.print(_title(reference, sensor, run_name))
+    last = ''
+    for row in rows:
+        if row.axis != last:
+            out.print(Text(row.axis))
+        out.print(Text(f'  {row.parameter}'))
+        line = Text(f'    {row.change}  ')
+        out.print(line.append(row.verdict, style=_COLOURS[row.verdict]))
+        last = row.axis
 
 
 def _table(
@@ -93,7 +122,7 @@ def _table(
     from rich.text import Text
 
     table = Table(
-        title=Text(clean(f'{sensor}: {run_name} against {reference}'), style='bold'),
+        title=_title(reference, sensor, run_name),
         title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1),
     )  # fmt: skip
     titles = {'reference': reference, 'value': run_name, 'e_n': 'E_n'}

@@ -68,12 +68,13 @@ def _show(found: Checkup) -> None:
 
     out = console()
     _machine(found, out)
-    if found.buses:
+    if found.asked:
         _answers(found, out)
     if found.sensors:
         _sensors(found, out)
+    slow = {sensor.name for sensor in found.sensors if sensor.warnings}
     for load in found.loads:
-        _load(load, out)
+        _load(load, slow, out)
     if sum(load.name.startswith('emulated') for load in found.loads) > 1:
         _say(
             out, 'Emulated sensors that name no bus have a wire each; bus: i2c-1 makes them share.'
@@ -83,8 +84,6 @@ def _show(found: Checkup) -> None:
 def _machine(found: Checkup, out: Console) -> None:
     if not found.buses:
         _say(out, 'No I²C, SPI or serial bus on this machine: sensors can only be emulated here.')
-        if 'Raspberry Pi' in found.model:
-            _say(out, 'Put dtparam=i2c_arm=on and dtparam=spi=on into config.txt, then restart.')
     else:
         table = _table('Buses', 'device', 'adapter', 'group', 'this user', 'clock')
         for bus in found.buses:
@@ -95,6 +94,8 @@ def _machine(found: Checkup, out: Console) -> None:
     for bus in found.buses:
         if bus.advice:
             _say(out, f'{bus.device}: {bus.advice}')
+    for advice in found.lacking:
+        _say(out, f'{advice[0].upper()}{advice[1:]}.')
     _say(out, f'Threads that read a sensor: {found.scheduling}.')
     if found.scheduling_advice:
         _say(out, f'  Against losses when the machine is busy: {found.scheduling_advice}.')
@@ -121,9 +122,7 @@ def _sensors(found: Checkup, out: Console) -> None:
             _say(out, f'{sensor.name}: {warning}.')
 
 
-def _load(load: BusLoad, out: Console) -> None:
-    from imu_bench.doctor.checkup import FAST_I2C_HZ
-
+def _load(load: BusLoad, stretching: set[str], out: Console) -> None:
     speed = (
         f'{load.speed_hz / 1e3:g} kHz' if load.kind != 'serial' else f'{load.speed_hz:.0f} baud'
     )
@@ -142,13 +141,24 @@ def _load(load: BusLoad, out: Console) -> None:
     for share in load.shares:
         if not share.keeps_rate:
             _say(out, f'{share.name} does NOT keep its rate on this bus.')
-    slow = load.kind == 'i2c' and load.busy > FULL
-    if slow and load.speed_hz < FAST_I2C_HZ:
-        _say(
-            out, 'Faster: dtparam=i2c_arm=on,i2c_arm_baudrate=400000 in config.txt, then restart.'
+    if load.kind == 'i2c' and load.busy > FULL:
+        _say(out, _relief(load, stretching & {share.name for share in load.shares}))
+
+
+def _relief(load: BusLoad, stretching: set[str]) -> str:
+    from imu_bench.doctor.checkup import FAST_I2C_HZ
+
+    if load.speed_hz >= FAST_I2C_HZ:
+        return 'Put a sensor on another bus, on SPI, or lower a rate.'
+    if stretching:
+        return (
+            f'Give {" and ".join(sorted(stretching))} its serial line or a bus of its own before '
+            'this one is made faster.'
         )
-    elif slow:
-        _say(out, 'Put a sensor on another bus, on SPI, or lower a rate.')
+    return (
+        'Faster: dtparam=i2c_arm=on,i2c_arm_baudrate=400000 in /boot/firmware/config.txt, then '
+        'restart.'
+    )
 
 
 def _cells(share: Share) -> tuple[str, ...]:

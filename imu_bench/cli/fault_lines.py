@@ -19,6 +19,9 @@ RECOVERED = 'recovered'
 QUIET = ('failures', 'recoveries', 'bus_errors', 'uncalibrated', 'repeated', 'saturated')
 """Counts that say nothing about which fault it was, in a table that has errors and losses."""
 
+IN_FLIGHT = 4
+"""So many samples may be lost between the last diagnostics of a sensor and its end."""
+
 
 class FaultNews:
     """
@@ -125,8 +128,10 @@ def show_gaps(results: Path, sensors: Mapping[str, SensorView]) -> None:
         if sensor not in sensors or not sensors[sensor].faults:
             continue
         view = sensors[sensor]
-        by_faults = sum(int(fault['lost']) for fault in view.faults.values())
-        otherwise = view.number('lost') - by_faults
-        also = f' and {otherwise:.0f} otherwise' if otherwise else ''
-        missing = recording['health']['missing']
-        print(f'{sensor}: {by_faults} lost by faults{also}; {missing} missing in the recording')
+        also = f' and {view.lost_otherwise} otherwise' if view.lost_otherwise else ''
+        missing = int(recording['health']['missing'])
+        said = f'{view.lost_by_faults} lost by faults{also}; {missing} missing in the recording'
+        more = missing - int(view.number('lost'))
+        if more > IN_FLIGHT:
+            said += f', {more} more than the sensor lost: they did not reach the recorder'
+        print(f'{sensor}: {said}')

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+import difflib
 from importlib import import_module
 import io
 import os
@@ -42,7 +43,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     _allow_every_character()
     parser = build_parser()
-    arguments = parser.parse_args(argv)
+    arguments, unknown = parser.parse_known_args(argv)
+    if unknown:
+        arguments.usage_of.error(_unknown(unknown, arguments.usage_of))
     if arguments.run is None:
         parser.print_help()
         return USAGE
@@ -83,11 +86,31 @@ def build_parser() -> argparse.ArgumentParser:
         epilog='exit codes: 0 done, 1 the input or the machine is at fault, 2 wrong usage',
     )
     parser.add_argument('--version', action='version', version=f'imu-bench {__version__}')
-    parser.set_defaults(run=None)
+    parser.set_defaults(run=None, usage_of=parser)
     verbs = parser.add_subparsers(title='verbs', metavar='VERB')
     for name in verb_names():
         import_module(f'{PACKAGE}.{name}').register(verbs)
+    for verb in verbs.choices.values():
+        verb.set_defaults(usage_of=verb)
     return parser
+
+
+def _unknown(given: Sequence[str], parser: argparse.ArgumentParser) -> str:
+    """
+    Say which arguments a parser does not know, and which option was probably meant.
+
+    Examples
+    --------
+    >>> parser = argparse.ArgumentParser()
+    >>> _ = parser.add_argument('--duration')
+    >>> _unknown(['--duratoin=3s'], parser)
+    "unrecognized arguments: --duratoin=3s; did you mean '--duration'?"
+    """
+    text = f'unrecognized arguments: {" ".join(given)}'
+    wrong = next((argument for argument in given if argument.startswith('--')), '')
+    options = re.findall(r'--[a-z][a-z-]*', parser.format_help())
+    close = difflib.get_close_matches(wrong.partition('=')[0], options, n=1)
+    return f'{text}; did you mean {close[0]!r}?' if close else text
 
 
 def verb_names() -> list[str]:

@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 import re
 import sys
@@ -21,6 +20,9 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Simulates every sensor of a bench in a scenario and writes what a recorder would have written,
 with the truth beside it in truth.json.  Nothing waits: hours take seconds."""
+
+TWIN = 'twin'
+"""Folder of the sensor files of twins, beside their bag."""
 
 _LONGEST_S = 366 * 86400.0
 
@@ -65,6 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     # imported here: help must not wait for scipy
     from imu_bench import bench
     from imu_bench.cli.progress import Bar
+    from imu_bench.offline.whole_files import whole_folder
     from imu_bench.simulation import recording
     from imu_bench.simulation.scenario import load_scenario
 
@@ -80,20 +83,19 @@ def run(arguments: argparse.Namespace) -> int:
         for remark in sensor.remarks():
             print(f'note: {remark}', file=sys.stderr)
     begun = time.monotonic()
-    with Bar() as bar, _honest(arguments.output, storage):
+    write = (
+        recording.write_columns
+        if storage == 'npy'
+        else partial(recording.write_bag, storage=storage)
+    )
+    with Bar() as bar, whole_folder(arguments.output) as draft:
         step = bar.phase(f'simulating {scenario.name}')
-        if storage == 'npy':
-            counts = recording.write_columns(
-                arguments.output, simulated, scenario, duration_s,
-                run=arguments.seed, progress=step,
-            )  # fmt: skip
-        else:
-            counts = recording.write_bag(
-                arguments.output, simulated, scenario, duration_s,
-                storage=storage, run=arguments.seed, progress=step,
-            )  # fmt: skip
+        counts = write(draft, simulated, scenario, duration_s, run=arguments.seed, progress=step)
+        if arguments.results is not None:
+            _write_twins(draft, arguments.results)
     if arguments.results is not None:
-        _write_twins(arguments)
+        twin = arguments.output / TWIN
+        print(f'wrote {twin}: sensor files of the twins, and bench.yaml to run them')
     took_s = time.monotonic() - begun
     what = 'samples' if storage == 'npy' else 'messages'
     print(
@@ -102,18 +104,6 @@ def run(arguments: argparse.Namespace) -> int:
         f'truth in {arguments.output / recording.TRUTH}'
     )
     return 0
-
-
-@contextmanager
-def _honest(path: Path, storage: str) -> Iterator[None]:
-    """Say what a run that is stopped with Ctrl-C leaves behind."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        left = 'cannot be read: remove it' if storage == 'npy' else 'ends where it was stopped'
-        if path.exists():
-            print(f'note: {path} is not complete; it {left}', file=sys.stderr)
-        raise
 
 
 def _sensors(arguments: argparse.Namespace) -> tuple[list[SensorConfig], str]:
@@ -138,12 +128,10 @@ def _sensors(arguments: argparse.Namespace) -> tuple[list[SensorConfig], str]:
     return made, arguments.storage or 'mcap'
 
 
-def _write_twins(arguments: argparse.Namespace) -> None:
+def _write_twins(folder: Path, results: Path) -> None:
     from imu_bench.simulation.twin import twins, write_twins
 
-    folder = arguments.output / 'twin'
-    write_twins(folder, twins(arguments.results), arguments.results.name)
-    print(f'wrote {folder}: sensor files of the twins, and bench.yaml to run them')
+    write_twins(folder / TWIN, twins(results), results.name)
 
 
 def _length(wanted: float | None, scenario: Scenario) -> float:

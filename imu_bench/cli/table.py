@@ -101,8 +101,8 @@ def _quantity(
     columns = [
         _Column('σ', 'level', [axis.statistics['std'] for axis in axes], si),
         _Column('RMS', 'level', [axis.statistics['rms'] for axis in axes], si),
-        _Column('noise density', 'density', [axis.noise_density for axis in axes], si),
-        *(_Column(t, t, [getattr(axis.model, t) for axis in axes], si) for t in 'NBK'),
+        _Column('noise density', 'density', [axis.white_density for axis in axes], si),
+        *(_Column(t, t, [axis.coefficient(t) for axis in axes], si) for t in 'NBK'),
     ]
     for with_interval in (True, False):
         table = _table(title, rows, columns, with_interval)

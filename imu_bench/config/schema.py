@@ -19,6 +19,9 @@ from typing import Any, Protocol
 from imu_bench.errors import ConfigError, UnitError
 from imu_bench.units import canonical, convert, units_like
 
+MANY = 40
+"""A list of allowed values that is longer is not spelled out."""
+
 REQUIRED = object()
 """Default of a setting that must be given."""
 
@@ -82,7 +85,10 @@ class Setting:
         """What is allowed, in words for an error text or a table."""
         unit = f' {self.unit}' if self.unit else ''
         if self.allowed:
-            return ', '.join(_spelled(value) or 'nothing' for value in self.allowed) + unit
+            words = [_spelled(value) or 'nothing' for value in self.allowed]
+            if len(words) > MANY:
+                words[8:] = [f'… {words[-1]}']
+            return ', '.join(words) + unit
         if self.bounds is None:
             return _KINDS[self.kind] + (f' that measures what {self.unit} does' if unit else '')
         low, high = self.bounds
@@ -112,9 +118,21 @@ class Setting:
             for known in self.allowed:
                 if known == checked or _same(known, checked):
                     return known
-            raise ConfigError(f'{_spelled(value)} is not allowed; allowed: {self.constraint}')
+            raise ConfigError(
+                f'{_spelled(value)} is not allowed; allowed: {self.constraint}'
+                f'{self._nearest(checked)}'
+            )
         self._limit(checked)
         return checked
+
+    def _nearest(self, value: Any) -> str:
+        """Return what there is on both sides of a value, if not all was spelled out."""
+        if len(self.allowed) <= MANY:
+            return ''
+        above = [known for known in self.allowed if known > value]
+        below = [known for known in self.allowed if known < value]
+        near = [max(below)] if below else []
+        return '; nearest ' + ' and '.join(map(_spelled, near + ([min(above)] if above else [])))
 
     def _typed(self, value: object) -> Any:
         if self.kind == 'bool' and isinstance(value, bool):

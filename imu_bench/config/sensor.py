@@ -22,7 +22,7 @@ from imu_bench.config.schema import (
 from imu_bench.config.simulated import SIMULATION_SETTINGS
 from imu_bench.errors import ConfigError
 
-BACKENDS = ('hardware', 'emulated', 'recorded')
+BACKENDS = ('hardware', 'emulated')
 
 STDDEVS = ('linear_acceleration', 'angular_velocity', 'magnetic_field', 'orientation')
 
@@ -63,7 +63,7 @@ class SensorConfig:
     driver : str
         Name of the driver, or 'generic'.
     backend : str
-        'hardware', 'emulated' or 'recorded'.
+        'hardware' or 'emulated'.
     bus : str
         Empty for an emulated sensor.
     address : int or None
@@ -165,7 +165,10 @@ def sensor_from_parameters(
     common = {setting.name for setting in (*SENSOR_SETTINGS, *SIMULATION_SETTINGS)}
     problems: list[str] = []
     own: tuple[Checkable, ...] = ()
-    if settings_of is not None and isinstance(given.get('driver'), str):
+    if settings_of is not None:
+        # the drivers there are, not 'a text', is what helps whoever left it out
+        given.setdefault('driver', '')
+    if settings_of is not None and isinstance(given['driver'], str):
         try:
             own = tuple(settings_of(given['driver']))
         except ConfigError as error:

@@ -29,8 +29,8 @@ USB_HZ = 10e6
 
 CLOCK_STRETCHING = (
     'it stretches the clock, which the I²C hardware of a Raspberry Pi (before the 5) handles '
-    'wrongly: bytes get corrupted. Use its serial line, or a software bus with '
-    'dtoverlay=i2c-gpio,bus=3, or i2c_arm_baudrate=50000'
+    'wrongly: bytes get corrupted. Use its serial line; or put into /boot/firmware/config.txt '
+    'dtoverlay=i2c-gpio,bus=3, a software bus, or dtparam=i2c_arm_baudrate=50000'
 )
 
 
@@ -68,6 +68,10 @@ class Checkup:
     scheduling, scheduling_advice : str
         How the threads that read will be treated; what to do.
     buses : tuple of Bus
+    lacking : tuple of str
+        What to do about kinds of bus that are switched off.
+    asked : bool
+        Whether anybody was asked who he is.
     answers : tuple of Answer
     sensors : tuple of SensorCheck
     loads : tuple of BusLoad
@@ -77,6 +81,8 @@ class Checkup:
     scheduling: str
     scheduling_advice: str
     buses: tuple[Bus, ...]
+    lacking: tuple[str, ...] = ()
+    asked: bool = False
     answers: tuple[Answer, ...] = ()
     sensors: tuple[SensorCheck, ...] = ()
     loads: tuple[BusLoad, ...] = field(default=())
@@ -122,11 +128,13 @@ def examine(
     buses = tuple(machine.buses())
     # first the sensors of the bench: what the scan may not ask is known then
     sensors = _checks(config.sensors) if config else ()
-    answers = tuple(
-        answer for bus in buses if probe and bus.accessible for answer in probing.scan(bus)
-    )
+    asked = [bus for bus in buses if probe and bus.accessible and bus.kind != 'serial']
+    answers = tuple(answer for bus in asked for answer in probing.scan(bus))
     loads = tuple(predict(wire) for wire in _wires(config, buses, i2c_hz)) if config else ()
-    return Checkup(machine.model(), *machine.scheduling(), buses, answers, sensors, loads)
+    return Checkup(
+        machine.model(), *machine.scheduling(), buses, machine.lacking(buses), bool(asked),
+        answers, sensors, loads,
+    )  # fmt: skip
 
 
 def _checks(sensors: tuple[SensorConfig, ...]) -> tuple[SensorCheck, ...]:
@@ -164,7 +172,7 @@ def _check(sensor: SensorConfig) -> SensorCheck:
 def _warnings(sensor: SensorConfig) -> tuple[str, ...]:
     wiring = drivers.load(sensor.driver).wiring['']
     stretches = wiring.i2c_stretches and bench.kind_of_bus(sensor) == 'i2c'
-    return (CLOCK_STRETCHING,) if stretches and machine.is_raspberry_pi() else ()
+    return (CLOCK_STRETCHING,) if stretches and machine.mishandles_stretching() else ()
 
 
 def _wires(config: BenchConfig, buses: tuple[Bus, ...], i2c_hz: float) -> list[Wire]:

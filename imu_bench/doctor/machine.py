@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 import grp
 import os
 from pathlib import Path
+import re
 
 from imu_bench.acquisition.priority import permitted
 from imu_bench.bus.opening import kind_of
@@ -19,6 +21,12 @@ GROUPS = {'i2c': 'i2c', 'spi': 'spi', 'serial': 'dialout'}
 _DEV = Path('/dev')
 _SYS = Path('/sys')
 _MODEL = Path('/proc/device-tree/model')
+
+LINES = {
+    'i2c': 'no I²C bus: put dtparam=i2c_arm=on into /boot/firmware/config.txt, then restart',
+    'spi': 'no SPI bus: put dtparam=spi=on into /boot/firmware/config.txt, then restart',
+}
+"""What a Raspberry Pi needs so that it has such a bus."""
 
 LIMITS = (
     'put "@i2c - rtprio 10" into /etc/security/limits.d/imu_bench.conf (for your group), then '
@@ -115,6 +123,18 @@ def model() -> str:
 def is_raspberry_pi() -> bool:
     """Return whether this is a Raspberry Pi."""
     return 'Raspberry Pi' in model()
+
+
+def mishandles_stretching() -> bool:
+    """Return whether the I²C hardware corrupts bytes of a chip that stretches the clock."""
+    newer = re.search(r'Raspberry Pi (Compute Module )?5', model())
+    return is_raspberry_pi() and not newer
+
+
+def lacking(found: Iterable[Bus]) -> tuple[str, ...]:
+    """Return what to do about the kinds of bus that a Raspberry Pi has switched off."""
+    kinds = {bus.kind for bus in found}
+    return tuple(LINES[kind] for kind in LINES if is_raspberry_pi() and kind not in kinds)
 
 
 def scheduling() -> tuple[str, str]:

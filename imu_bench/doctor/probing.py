@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import PurePosixPath
 from typing import Any
 
 from imu_bench import drivers
@@ -28,7 +29,7 @@ from imu_bench.bus.wiring import Wiring
 from imu_bench.config import SensorConfig
 from imu_bench.doctor.machine import Bus, kernel_driver
 from imu_bench.drivers.driver import Driver, Identity
-from imu_bench.errors import BenchError, BusBusy, NoAnswer, NotReady
+from imu_bench.errors import BenchError, BusBusy, IdentityError, NoAnswer, NotReady
 from imu_bench.registers import Register
 
 READ_BIT = 0x80
@@ -89,27 +90,31 @@ def scan(bus: Bus) -> list[Answer]:
 
 
 def _scan_i2c(device: str) -> Iterator[Answer]:
-    places: dict[int, list[_Candidate]] = {}
-    for candidate in _candidates('i2c'):
-        for address in set(candidate.wiring.i2c_addresses) - set(MEMORIES):
-            places.setdefault(address, []).append(candidate)
-    for address, candidates in sorted(places.items()):
-        if kernel := kernel_driver(device, address):
-            yield Answer(device, address, 'kernel driver', f'{kernel} of the kernel has it')
-            continue
-        try:
-            found = _ask(candidates, lambda c, a=address: I2cBus(device, a, c.wiring, 0.0))
-        except NoAnswer:
-            continue
-        except ChipInUse as error:
-            yield Answer(device, address, 'in use', str(error))
-            continue
-        except BusBusy as error:
-            yield Answer(device, None, 'failed', str(error))
-            return  # every other address would take as long
-        except BenchError as error:
-            yield Answer(device, address, 'failed', str(error))
-            continue
+    addresses = {a for c in _candidates('i2c') for a in c.wiring.i2c_addresses}
+    try:
+        for address in sorted(addresses - set(MEMORIES)):
+            yield from _at(device, address)
+    except BusBusy as error:  # every other address would take as long
+        yield Answer(device, None, 'failed', str(error))
+
+
+def _at(device: str, address: int) -> Iterator[Answer]:
+    """Yield who is at an address, if anybody; raises BusBusy if the bus is stuck."""
+    if kernel := kernel_driver(device, address):
+        yield Answer(device, address, 'kernel driver', f'{kernel} of the kernel has it')
+        return
+    candidates = [c for c in _candidates('i2c') if address in c.wiring.i2c_addresses]
+    try:
+        found = _ask(candidates, lambda c: I2cBus(device, address, c.wiring, 0.0))
+    except NoAnswer:
+        return
+    except ChipInUse as error:
+        yield Answer(device, address, 'in use', str(error))
+    except BusBusy:
+        raise
+    except BenchError as error:
+        yield Answer(device, address, 'failed', str(error))
+    else:
         yield Answer(device, address, *found)
 
 
@@ -229,9 +234,22 @@ def check(sensor: SensorConfig) -> str:
     buses = open_bus(sensor.bus, driver.wiring, driver.bus_kinds, sensor.address, patience_s=0.0)
     try:
         return _identified(driver, buses, kind, sensor)
+    except IdentityError as error:
+        problem = error
     finally:
         for wire in buses.values():
             wire.close()
+    raise IdentityError(f'{problem}{_instead(sensor) if kind == "i2c" else ""}') from problem
+
+
+def _instead(sensor: SensorConfig) -> str:
+    """Return which part with a driver of its own is where a sensor should be; '' if none."""
+    address = sensor.address or drivers.load(sensor.driver).wiring[''].i2c_addresses[0]
+    device = f'/dev/{PurePosixPath(sensor.bus).name}'
+    answer = next(_at(device, address), None)
+    if answer is None or answer.state != 'known' or sensor.driver in answer.drivers:
+        return ''
+    return f'; {answer.what} answers there, driver: {" or ".join(answer.drivers)}'
 
 
 def _identified(driver: type[Driver], buses: Any, kind: str, sensor: SensorConfig) -> str:

@@ -164,8 +164,7 @@ class Bno055(PolledDriver):
         si_per_lsb=DEGREE / 16, limits=(-32000, 32000))
     orientation = Quaternion(  # of which world frame DS does not say
         first=QUA_DATA, quantity='orientation', unit='1', dtype='<i2', si_per_lsb=1 / UNIT_NORM)
-    temperature = Scalar(
-        first=TEMP, quantity='temperature', unit='°C', dtype='i1', si_per_lsb=1.0)
+    temperature = Scalar(first=TEMP, quantity='temperature', unit='°C', dtype='i1', si_per_lsb=1.0)
 
     # --- settings ------------------------------------------------------------------------
     settings = (
@@ -174,10 +173,10 @@ class Bno055(PolledDriver):
         Setting('rate_hz', 100.0, "Rate at which the mode's registers change; without fusion it "
                 'is not in the document, 100 Hz assumed.', (100.0, 50.0, 20.0), unit='Hz'),
         choice('accelerometer_range', accelerometer_range, 4.0, 'Full scale.'),
-        choice('accelerometer_bandwidth', accelerometer_bandwidth, 62.5, 'Low-pass, -3 dB; with '
-               'fusion the chip sets it.'),
+        choice('accelerometer_bandwidth', accelerometer_bandwidth, 62.5, 'Low-pass, -3 dB.'),
         choice('gyroscope_bandwidth', gyroscope_bandwidth, 32.0, 'Low-pass; set by fusion.'),
         choice('magnetometer_rate_hz', magnetometer_rate_hz, 20.0, 'Rate; set by fusion.'),
+        choice('magnetometer_mode', magnetometer_mode, 'regular', 'Noise; set by fusion.'),
         Setting('external_crystal', False, 'A crystal of 32 kHz is fitted; use it.'),
     )
     counter_names = (*PolledDriver.counter_names, 'implausible', 'system_errors', 'uncalibrated',
@@ -239,6 +238,8 @@ class Bno055(PolledDriver):
         for name, value in fixed.items():
             if self.values[name] != value:
                 raise ConfigError(f'{self.name}.{name}: mode {mode} has {value:g} Hz and no other')
+        if self._fused and self.values['magnetometer_mode'] != 'regular':
+            raise ConfigError(f'{self.name}.magnetometer_mode: mode {mode} sets it itself')
         force, field, turn = self.acceleration, self.magnetic_field, self.angular_velocity
         parts = (('A', force), ('G', turn))
         self._measured = {c.quantity: c for letter, c in parts if letter in MEASURED[mode]}
@@ -275,7 +276,7 @@ class Bno055(PolledDriver):
         if self._fused:
             chosen = {self.accelerometer_range: chosen[self.accelerometer_range]}
         else:
-            chosen |= {self.gyroscope_range: 2000.0, self.magnetometer_mode: 'regular'}
+            chosen[self.gyroscope_range] = 2000.0
             powers = self.accelerometer_power, self.gyroscope_power, self.magnetometer_power
             chosen |= dict.fromkeys(powers, 0)
         # m/s², °/s, °C; axes as on the package

@@ -4,6 +4,8 @@ TDK InvenSense IIM-42652: accelerometer and gyroscope for industry.
 
 Document: DS-000401 rev. 1.2 (DS).  Where it contradicts itself the choice is said: length of
 the timestamp's tick (both are accepted), byte order of FIFO_LOST_PKT (as the register's text).
+Not offered: the low-power mode of the accelerometer, rates of its own for each sensor, and other
+anti-alias filters than those of a reset, 585 Hz (gyroscope) and 1163 Hz (accelerometer).
 """
 
 from __future__ import annotations
@@ -118,6 +120,8 @@ class Iim42652(FifoDriver):
     count_unit = Field(INTF_CONFIG0, 6, Codes({'bytes': 0, 'records': 1}))
     count_big_endian = Field(INTF_CONFIG0, 5)
     data_big_endian = Field(INTF_CONFIG0, 4)
+    # in no document; users found it (ArduPilot, issue 25025)
+    adaptive_full_scale = Field(INTF_CONFIG1, (7, 6), Codes({True: 2, False: 1}))
     temperature_off = Field(PWR_MGMT0, 5)
     gyroscope_mode = Field(PWR_MGMT0, (3, 2), Codes({'off': 0, 'standby': 1, 'low noise': 3}))
     accelerometer_mode = Field(
@@ -188,6 +192,11 @@ class Iim42652(FifoDriver):
                'Low-pass; below 400 Hz as at 400 Hz, but for ODR/2.'),
         choice('gyroscope_bandwidth', gyroscope_bandwidth, 'ODR/4',
                'Low-pass; below 400 Hz as at 400 Hz, but for ODR/2.'),
+        choice('accelerometer_order', accelerometer_order, 2, 'Order of its low-pass.'),
+        choice('gyroscope_order', gyroscope_order, 2, 'Order of its low-pass.'),
+        choice('adaptive_full_scale', adaptive_full_scale, True,
+               'As after a reset; without, the gyroscope may no more stand still for 2 ms near '
+               '100 °/s, as users found. In no document.'),
         choice('fifo_bits', fifo_bits, 16, 'Bits per sample; 20 at 16 g and 2000 °/s only.'),
     )
     # fmt: on
@@ -291,7 +300,6 @@ class Iim42652(FifoDriver):
             self.data_big_endian: 1,
             **super().assignments(),
             **dict.fromkeys((self.gyroscope_rate, self.accelerometer_rate), self.rate_hz),
-            **dict.fromkeys((self.gyroscope_order, self.accelerometer_order), 2),
             self.timestamp_tick: self._tick_us,
             self.timestamp_on: 1,
             **dict.fromkeys((self.fifo_timestamp, self.fifo_temperature), 1),

@@ -5,7 +5,8 @@ ST LSM303DLHC: accelerometer on one die, magnetometer and thermometer on another
 Document: Doc ID 018771 rev. 1 (DS).  It leaves some things open; what is assumed about them
 is said where it is used: depth of the FIFO, zero of the thermometer, time for a reboot, and
 whether reading the field clears its ready flag.  Its low-power mode (1620 and 5376 Hz, with a
-resolution the document does not give) is not offered.
+resolution the document does not give) is not offered.  The thermometer's 8 LSB/K are those of DS;
+a driver that others wrote (vznncv) has 16.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 ST LSM9DS1: accelerometer and gyroscope on one die, magnetometer on another.
 
 Document: DocID025715 rev. 2 (DS).  It leaves some things open; what is assumed about them is
-said where it is used: order and removal of FIFO slots, time for a reset, and noise.
+said where it is used: order and removal of FIFO slots, time for a reset, and noise.  Not offered:
+the accelerometer alone (10, 50 Hz) or behind CTRL_REG7_XL's filter, and the high-pass filters.
 """
 
 from __future__ import annotations
@@ -182,14 +183,13 @@ class Lsm9ds1(Driver):
                     12.0: 0.43e-3 * GAUSS, 16.0: 0.58e-3 * GAUSS},
     )
     temperature = Scalar(  # 12 bit, sign extended
-        first=OUT_TEMP, quantity='temperature', unit='°C', dtype='<i2',
-        si_per_lsb=1 / 16, offset=25.0, limits=(-2048, 2047),
+        first=OUT_TEMP, quantity='temperature', unit='°C', dtype='<i2', si_per_lsb=1 / 16,
+        offset=25.0, limits=(-2048, 2047),
     )
 
     # --- settings ------------------------------------------------------------------------
     settings = (
-        Setting('rate_hz', 952.0, 'Output data rate of accelerometer and gyroscope.',
-                tuple(sorted(LOW_PASS_2)), unit='Hz'),
+        Setting('rate_hz', 952.0, 'Output data rate of both.', tuple(LOW_PASS_2), unit='Hz'),
         choice('accelerometer_range', accelerometer_range, 16.0, 'Full scale.'),
         choice('accelerometer_bandwidth', accelerometer_bandwidth, 408.0,
                'Anti-alias filter; 50 Hz goes with 119 Hz.'),
@@ -201,6 +201,7 @@ class Lsm9ds1(Driver):
         choice('magnetometer_range', magnetometer_range, 4.0, 'Full scale.'),
         Setting('magnetometer_rate_hz', 80.0, 'Rate of the magnetometer; 0 is off.',
                 (0.0, *magnetometer_rate.allowed), unit='Hz'),
+        choice('magnetometer_quality', magnetometer_quality, 'ultra-high', 'Noise, for current.'),
     )
     # fmt: on
     counter_names = ('fifo_overflows', 'magnetometer_lost')
@@ -316,13 +317,13 @@ class Lsm9ds1(Driver):
         return {target: value for target, value in wanted.items() if self._used(target)}
 
     def _magnetometer_assignments(self) -> dict[Any, Value]:
+        quality = self.values['magnetometer_quality']
         return {
             self.magnetometer_compensation: 1,
-            self.magnetometer_quality: 'ultra-high',
             self.magnetometer_rate: self._field.rate_hz or 80.0,
             self.magnetometer_range: self.values['magnetometer_range'],
             self.magnetometer_mode: 'continuous',
-            self.magnetometer_quality_z: 'ultra-high',
+            **dict.fromkeys((self.magnetometer_quality, self.magnetometer_quality_z), quality),
             self.magnetometer_block_update: 1,
         }
 

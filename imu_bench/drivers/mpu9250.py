@@ -3,7 +3,8 @@
 InvenSense MPU-9250: accelerometer, gyroscope, and the magnetometer AK8963 behind it.
 
 Documents: PS-MPU-9250A-01 rev. 1.1 (PS), RM-MPU-9250A-00 rev. 1.6 (RM), and for the
-magnetometer AK8963 MS1356-E-02 (AK).
+magnetometer AK8963 MS1356-E-02 (AK).  Not offered: rates above 1 kHz, with which the FIFO would
+be full in a few ms; the low-power mode; and 14 bits of the magnetometer, four times coarser.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import numpy as np
 G = STANDARD_GRAVITY
 MAG = 'magnetometer'
 FIFO_BYTES = 512  # PS section 4.17
-WHOLE_RATES = tuple(1000.0 / n for n in range(1, 256) if 1000 % n == 0)
+RATES = tuple(round(1000.0 / n, 3) for n in range(1, 257))
 
 
 class Mpu9250(FifoDriver):
@@ -100,7 +101,7 @@ class Mpu9250(FifoDriver):
     ASA = Register(0x10, access='ro', size=3, reset=None, part=MAG)
 
     # --- fields and codes ----------------------------------------------------------------
-    sample_rate = Field(SMPLRT_DIV, (7, 0), Codes({1000 / (1 + n): n for n in range(256)}), 'Hz')
+    sample_rate = Field(SMPLRT_DIV, (7, 0), Codes({hz: n for n, hz in enumerate(RATES)}), 'Hz')
     fifo_stops_when_full = Field(CONFIG, 6)
     # fmt: off
     gyroscope_bandwidth = Field(  # 0 and 7 run at 8 kHz
@@ -176,7 +177,7 @@ class Mpu9250(FifoDriver):
 
     # --- settings ------------------------------------------------------------------------
     settings = (
-        Setting('rate_hz', 1000.0, 'Output data rate.', WHOLE_RATES, unit='Hz'),
+        Setting('rate_hz', 1000.0, 'Output data rate: 1000/(1 + n).', RATES, unit='Hz'),
         choice('accelerometer_range', accelerometer_range, 16.0, 'Full scale.'),
         choice('accelerometer_bandwidth', accelerometer_bandwidth, 460.0, 'Low-pass, -3 dB.'),
         choice('gyroscope_range', gyroscope_range, 2000.0, 'Full scale.'),

@@ -40,12 +40,13 @@ IDLE_NS = 10_000_000_000  # nobody asked for so long: the samples in between are
 TICK = 32 / 30  # DS section 12.7: µs per tick of 1 µs, without an external clock
 LOW_NOISE = 3
 
-# DS section 5.5, filter of second order: -3 dB per Hz of the rate, least rate that counts
+# DS section 5.5: -3 dB per Hz of the rate by order, least rate that counts
 _BANDWIDTH = {
-    'ODR/2': (0.4933, 25.0), 'ODR/4': (0.2307, 400.0), 'ODR/5': (0.1916, 400.0),
-    'ODR/8': (0.1175, 400.0), 'ODR/10': (0.0971, 400.0), 'ODR/16': (0.0596, 400.0),
-    'ODR/20': (0.048, 400.0), 'ODR/40': (0.0213, 400.0), 'low latency': (0.262, 400.0),
-    'low latency x8': (2.096, 25.0),
+    'ODR/2': ((0.4983, 0.4933, 0.4929), 25.0), 'ODR/4': ((0.2272, 0.2307, 0.2347), 400.0),
+    'ODR/5': ((0.1889, 0.1916, 0.1958), 400.0), 'ODR/8': ((0.111, 0.1175, 0.1189), 400.0),
+    'ODR/10': ((0.0924, 0.0971, 0.0979), 400.0), 'ODR/16': ((0.0596, 0.0596, 0.0608), 400.0),
+    'ODR/20': ((0.0488, 0.048, 0.0468), 400.0), 'ODR/40': ((0.0239, 0.0213, 0.0252), 400.0),
+    'low latency': ((0.262,) * 3, 400.0), 'low latency x8': ((2.096,) * 3, 25.0),
 }  # fmt: skip
 _FAST_HZ = 2000.0  # from here on all settings are alike
 
@@ -59,9 +60,9 @@ _WHILE_ON = frozenset(
 )
 
 
-def bandwidth_hz(rate_hz: float, bandwidth: str) -> float:
+def bandwidth_hz(rate_hz: float, bandwidth: str, order: int = 2) -> float:
     """
-    Return the -3 dB frequency of the filter of second order (DS section 5.5).
+    Return the -3 dB frequency of the filter of an order from 1 to 3 (DS section 5.5).
 
     Below 400 Hz most settings keep the bandwidth of 400 Hz, which lets the band above half
     the rate fold back; from 2 kHz on all are alike.
@@ -73,8 +74,8 @@ def bandwidth_hz(rate_hz: float, bandwidth: str) -> float:
     """
     if rate_hz >= _FAST_HZ:
         return 0.262 * rate_hz
-    factor, least = _BANDWIDTH[bandwidth]
-    return factor * max(rate_hz, least)
+    factors, least = _BANDWIDTH[bandwidth]
+    return factors[order - 1] * max(rate_hz, least)
 
 
 class Iim42652Chip(EmulatedChip):
@@ -158,8 +159,11 @@ class Iim42652Chip(EmulatedChip):
         self._rate_hz = rate
         if rate:
             self._acceleration, self._rotation = (
-                LowPass(bandwidth_hz(rate, str(memory.value(field))), rate, 2)
-                for field in (C.accelerometer_bandwidth, C.gyroscope_bandwidth)
+                LowPass(bandwidth_hz(rate, str(memory.value(band)), order), rate, order)
+                for band, order in (
+                    (C.accelerometer_bandwidth, int(memory.value(C.accelerometer_order))),
+                    (C.gyroscope_bandwidth, int(memory.value(C.gyroscope_order))),
+                )
             )
 
     def _take(self, samples: Samples) -> None:

@@ -27,7 +27,7 @@ from imu_bench.metrology.fitting.scoring import granted, minus_two_log_likelihoo
 from imu_bench.metrology.fitting.uncertainty import cumulants, Response
 import numpy as np
 import numpy.typing as npt
-from scipy import fft
+from scipy import fft, special
 
 METHOD = 'Whittle likelihood of the periodogram'
 
@@ -54,6 +54,9 @@ HANN_SPREAD = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 Ordinates of a Hann-tapered periodogram per independent one.  The taper mixes three neighbours
 with −1/4, 1/2 and −1/4, so ordinates one and two apart correlate by 2/3 and 1/6.
 """
+
+FALSE_ALARM = 0.01 / 6
+"""Largest probability of a contradiction on one axis: 1 % in a recording of six."""
 
 LINE = 20.0
 """Ordinates above this many medians of their bin are lines, not noise: chance 2^-20 each."""
@@ -159,25 +162,69 @@ def fit(
     return _model(unit, found, fitted, confidence, 'not asked for, or without a spectrum (R)')
 
 
-def disagreements(first: NoiseModel, second: NoiseModel) -> tuple[str, ...]:
+def disagreements(
+    first: NoiseModel, second: NoiseModel, *, false_alarm: float = FALSE_ALARM, terms: str = TERMS
+) -> tuple[str, ...]:
     """
     Return one sentence for each coefficient on which two models contradict each other.
 
-    Two intervals contradict each other when they do not overlap, an interval and an upper
-    bound when the interval lies above the bound.
+    Parameters
+    ----------
+    first, second : NoiseModel
+    false_alarm : float
+        Largest probability of any sentence where both describe the noise; shared by all
+        coefficients that can be compared.
+    terms : str
+        Coefficients that are compared.
+
+    Notes
+    -----
+    Two values contradict each other when the logarithm of their ratio is beyond its own
+    uncertainty: half intervals add as squares, as those of independent estimates do.  One of the
+    two may rest on a small part of the data (the longest piece without gaps), so that intervals
+    which just do not overlap are nothing rare.  A value and an upper bound contradict each other
+    when the value is above the bound, both at that level.
     """
+    compared = [
+        (t, a, b)
+        for t in terms
+        for a, b in [(first.coefficients[t], second.coefficients[t])]
+        if _comparable(a, b)
+    ]
     found = []
-    for term in TERMS:
-        a, b = first.coefficients[term], second.coefficients[term]
-        if a.low is None or a.high is None or b.low is None or b.high is None:
-            continue
-        if a.low > b.high or b.low > a.high:
+    for term, a, b in compared:
+        if _contradict(a, b, false_alarm / len(compared)):
             found.append(
                 f'{term} from the {first.method} is {_said(a)}, from the {second.method} '
                 f'{_said(b)} {a.unit}: the data hold more than this noise (vibration, steps, '
                 'temperature), look at the spectrum'
             )
     return tuple(found)
+
+
+def _comparable(a: Estimate, b: Estimate) -> bool:
+    bounded = None not in (a.low, a.high, b.low, b.high)
+    return bounded and not (a.value is None and b.value is None)
+
+
+def _contradict(a: Estimate, b: Estimate, false_alarm: float) -> bool:
+    """Return whether two estimates differ by more than chance gives with this probability."""
+    small, large = sorted((a, b), key=lambda e: e.value or 0.0)
+    reach = -float(special.ndtri(0.5 * false_alarm))
+    if not large.value or not large.low or not small.high:
+        return False
+    down = math.log(large.value / large.low) / _deviations(large)
+    if not small.value:
+        # the square of a bound grows as its deviation
+        bound = small.high * math.sqrt(max(reach / _deviations(small), 1.0))
+        return math.log(large.value / bound) > reach * down
+    up = math.log(small.high / small.value) / _deviations(small)
+    return math.log(large.value / small.value) > reach * math.hypot(up, down)
+
+
+def _deviations(estimate: Estimate) -> float:
+    """Return half the width of an interval in standard deviations."""
+    return -float(special.ndtri(0.5 * (1.0 - estimate.confidence)))
 
 
 def _said(estimate: Estimate) -> str:

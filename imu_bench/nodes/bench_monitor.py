@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 import math
 import threading
+import time
 from types import TracebackType
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped
+from imu_bench.acquisition.stats import WINDOW_S
 from imu_bench.errors import NotReady
 from imu_bench.samples import IMU_QUANTITIES
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -23,6 +25,9 @@ from rclpy.task import Future
 
 RATE_TOLERANCE = 0.01
 """Share of its rate that a sensor may miss and still be said to keep it."""
+
+LATE_S = 1.0
+"""So much later than a recovery its samples may have left the rate's window."""
 
 BEGIN = 'simulation.begin'
 """Parameter of a sensor's node: Unix time at which the scenario begins, s."""
@@ -45,6 +50,10 @@ class SensorView:
     """Mean one-sided noise density of the axes there are, SI, by quantity."""
     faults: dict[int, dict[str, str]] = field(default_factory=dict)
     """What is known of each scripted fault, as `imu_bench.nodes.fault_report` has it."""
+    recovered_s: float = -math.inf
+    """When the latest recovery from a fault was heard of, on the clock of `time.monotonic`."""
+    heard_s: float = -math.inf
+    """When the values were heard, on the same clock."""
 
     def number(self, key: str) -> float:
         """Return a diagnostic value as a number; NaN when there is none."""
@@ -53,18 +62,48 @@ class SensorView:
         except (KeyError, ValueError, IndexError):
             return math.nan
 
+    def hear_of_faults(self, values: Mapping[str, str]) -> None:
+        """Take note of what the sensor's node says of its faults, by '<number>.<key>'."""
+        for path, value in values.items():
+            number, _, key = path.partition('.')
+            fault = self.faults.setdefault(int(number), {})
+            if key == 'state' and value == 'recovered' != fault.get(key):
+                self.recovered_s = time.monotonic()
+            fault[key] = value
+
     @property
     def publishing(self) -> bool:
         """Whether samples have arrived."""
         return self.number('samples') > 0
 
     @property
-    def kept_rate(self) -> bool:
-        """Whether everything the chip made has arrived so far."""
+    def at_full_rate(self) -> bool:
+        """Whether samples arrive now at the rate at which the chip makes them."""
         nominal, delivered = self.number('nominal_hz'), self.number('delivered_hz')
         true = self.number('rate_hz')
         expected = nominal if math.isnan(true) else true
-        return self.number('lost') == 0 and delivered >= (1 - RATE_TOLERANCE) * expected
+        return delivered >= (1 - RATE_TOLERANCE) * expected
+
+    @property
+    def kept_rate(self) -> bool:
+        """Whether everything the chip made has arrived so far."""
+        return self.number('lost') == 0 and self.at_full_rate
+
+    @property
+    def begun_faults(self) -> list[dict[str, str]]:
+        """The scripted faults that have begun."""
+        return [fault for fault in self.faults.values() if fault.get('state') != 'planned']
+
+    @property
+    def lost_by_faults(self) -> int:
+        """Samples that the scripted faults have cost."""
+        return sum(int(fault.get('lost', '0')) for fault in self.begun_faults)
+
+    @property
+    def lost_otherwise(self) -> int:
+        """Samples that were lost beside; what two faults share is counted with both of them."""
+        lost = self.number('lost')
+        return 0 if math.isnan(lost) else max(0, int(lost) - self.lost_by_faults)
 
     @property
     def verdict(self) -> str:
@@ -72,9 +111,24 @@ class SensorView:
         if not self.publishing:
             return f'gave no data: {self.message}'
         seen = f'{self.number("delivered_hz"):.1f} of {self.number("nominal_hz"):.0f} Hz'
+        if self.begun_faults:
+            return self._verdict_with_faults(seen)
         if self.kept_rate:
             return f'kept its rate ({seen}), nothing lost'
         return f'did NOT keep its rate: {seen}, {self.values.get("lost", "?")} samples lost'
+
+    def _verdict_with_faults(self, seen: str) -> str:
+        """Say what the scripted faults took, what else was lost, and how it goes since."""
+        otherwise = self.lost_otherwise
+        text = f'{self.lost_by_faults} samples lost to the scripted faults, '
+        text += f'{otherwise} otherwise' if otherwise else 'none otherwise'
+        if any(fault.get('state') != 'recovered' for fault in self.begun_faults):
+            return f'{text}; has NOT recovered: {seen}'
+        if self.at_full_rate:
+            return f'{text}; keeps its rate since ({seen})'
+        if self.heard_s - self.recovered_s < WINDOW_S + LATE_S:
+            return f'{text}; its rate of the last {WINDOW_S:g} s has the last fault in it ({seen})'
+        return f'{text}; does NOT keep its rate since: {seen}'
 
 
 class BenchMonitor:
@@ -168,13 +222,12 @@ class BenchMonitor:
         for status in message.status:
             view = self.sensors.get(status.name.partition(':')[0].rpartition('/')[2])
             if view is not None and status.name.endswith('faults'):
-                for pair in status.values:
-                    number, _, key = pair.key.partition('.')
-                    view.faults.setdefault(int(number), {})[key] = pair.value
+                view.hear_of_faults({pair.key: pair.value for pair in status.values})
             elif view is not None and status.name.endswith('acquisition'):
                 view.level = status.level[0]
                 view.message = status.message
                 view.values = {pair.key: pair.value for pair in status.values}
+                view.heard_s = time.monotonic()
 
     def _listener(self, name: str, quantity: str) -> Callable[[Vector3Stamped], None]:
         def listen(message: Vector3Stamped) -> None:

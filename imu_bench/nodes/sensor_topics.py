@@ -18,6 +18,12 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import Imu, MagneticField, Temperature
 
+HISTORY_S = 3.0
+"""
+So much a publisher keeps for those who want every sample: after a recovery up to a second of
+samples, held back until their stamps are known, goes out at once, and may do so twice in a row.
+"""
+
 IMU_TOPIC = 'imu/data_raw'
 ORIENTATION_TOPIC = 'imu/data'
 MAGNETIC_FIELD_TOPIC = 'imu/mag'
@@ -61,7 +67,7 @@ class SensorTopics:
         self.published: Counter[str] = Counter()
         self._node = node
         self._config = config
-        self._depth = max(10, math.ceil(rate_hz))
+        self._depth = max(10, math.ceil(HISTORY_S * rate_hz))
         self._publishers: dict[str, Publisher] = {}
         self._templates: dict[tuple[bool, bool, bool], ImuTemplate] = {}
         self._magnetic_field = Template(

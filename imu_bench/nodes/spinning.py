@@ -16,9 +16,11 @@ nothing can be published any more while the node closes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import gc
 from importlib import import_module
+import re
 import signal
 import sys
 import threading
@@ -110,12 +112,10 @@ def run(
     if imported is not None:
         imported()
     try:
-        rclpy.init(args=command, signal_handler_options=SignalHandlerOptions.NO)
+        with _rcl_silent():
+            rclpy.init(args=command, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:
-        _logger().fatal(
-            f'ROS 2 does not start: {_one_line(error)} (it needs HOME or ROS_LOG_DIR, and '
-            'well-formed --ros-args)'
-        )
+        _logger().fatal(f'ROS 2 does not start: {_reason(str(error))}')
         return 1
     try:
         unknown = remove_ros_args(command)[1:]
@@ -220,5 +220,33 @@ def _load(node: str) -> Callable[[], Any]:
     return loaded
 
 
-def _one_line(error: BaseException) -> str:
-    return ' '.join(str(error).split())
+@contextmanager
+def _rcl_silent() -> Iterator[None]:
+    """Keep rcl from logging the error that it also raises."""
+    from rclpy.impl.logging_severity import LoggingSeverity
+    from rclpy.logging import set_logger_level
+
+    set_logger_level('rcl', LoggingSeverity.FATAL)
+    try:
+        yield
+    finally:
+        set_logger_level('rcl', LoggingSeverity.UNSET)
+
+
+def _reason(error: str) -> str:
+    """
+    Return what rcl says without the places in its sources, and what can be done.
+
+    Examples
+    --------
+    >>> _reason("Couldn't parse params file: 'a'. Error opening YAML file, at /a.c:1")
+    "Couldn't parse params file: 'a'. Error opening YAML file; is the path right?"
+    """
+    text = re.sub(r', at [^\s,]+:\d+', '', ' '.join(error.split()))
+    hints = {
+        'opening YAML': 'is the path right?',
+        'params file': 'is it YAML with spaces instead of tabs, and names: values?',
+        'logging': 'set HOME or ROS_LOG_DIR',
+    }
+    hint = next((hint for word, hint in hints.items() if word in text), 'check --ros-args')
+    return f'{text}; {hint}'

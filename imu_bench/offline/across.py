@@ -232,7 +232,7 @@ def _models_differ(first: AxisResult, second: AxisResult) -> bool:
 
 def _of(axis: AxisResult, parameter: str) -> Estimate | None:
     if parameter == 'noise_density':
-        return axis.noise_density
+        return axis.white_density
     return axis.statistics.get(parameter) or axis.model.coefficients.get(parameter)
 
 

@@ -82,11 +82,17 @@ def _rate(line: Line) -> Row:
         _TITLES[line.parameter],
         rate_text(line.reference),
         rate_text(line.value),
-        f'{1e6 * (difference or 0.0) / (reference or 1.0):+.3g} ppm' if known else '–',
+        _ppm((difference or 0.0) / (reference or 1.0)) if known else '–',
         '–',
         '–' if line.e_n is None else f'{line.e_n:+.2f}',
         line.verdict,
     )
+
+
+def _ppm(share: float) -> str:
+    """Return a share in parts per million; what is below 0.001 ppm is rounding of stamps."""
+    shown = round(1e6 * share, 3)
+    return f'{"+" if shown > 0.0 else ""}{number(shown, 3)} ppm'
 
 
 def summary(across: Across) -> list[str]:
@@ -94,6 +100,12 @@ def summary(across: Across) -> list[str]:
     verdicts = Counter(line.verdict for line in across.lines)
     words = [f'{verdicts[v]} {v}' for v in ('same', 'higher', 'lower', 'undecided') if verdicts[v]]
     lines = [f'{count(len(across.lines), "number")} compared: {", ".join(words)}.']
+    changed = verdicts['higher'] + verdicts['lower']
+    by_chance = round(_chance(across.lines))
+    if changed and by_chance:
+        lines.append(
+            f'Chance alone calls about {min(by_chance, changed)} of these higher or lower.'
+        )
     largest = _largest(across.lines)
     if largest is not None:
         ratio = largest.ratio.value or 1.0
@@ -108,6 +120,11 @@ def summary(across: Across) -> list[str]:
     for run, sensor in across.unmatched:
         lines.append(f'{sensor} of {run} has no counterpart.')
     return lines
+
+
+def _chance(lines: Sequence[Line]) -> float:
+    """Return how many equal numbers are expected outside of their intervals."""
+    return sum(1.0 - line.difference.confidence for line in lines if line.e_n is not None)
 
 
 def _largest(lines: Sequence[Line]) -> Line | None:

@@ -155,9 +155,12 @@ def cut(recording: Recording, settings: Settings) -> Recording:
         return recording
     inside = np.flatnonzero((stamps >= low) & (stamps <= high))
     if not inside.size:
+        begin_s, end_s, last_s = ((t - first) * 1e-9 for t in (low, high, last))
+        stamps_ns = '' if settings.window_ns is None else f', stamps {first} to {last} ns'
+        asked = f'between {begin_s:g} and {end_s:g} s' if low <= high else f'from {begin_s:g} s on'
         raise RecordingError(
-            f'{recording.source}, topic {recording.topic}: no sample between {low} and {high} ns; '
-            f'the recording goes from {first} to {last} ns ({(last - first) * 1e-9:g} s)'
+            f'{recording.source}, topic {recording.topic}: no sample {asked}, counted from the '
+            f'first one; the last one is at {last_s:g} s{stamps_ns}'
         )
     # one slice where the stamps are in order: views, not copies
     part = slice(int(inside[0]), int(inside[-1]) + 1)
@@ -172,5 +175,5 @@ def cut(recording: Recording, settings: Settings) -> Recording:
 def _with_axes(state: Health, found: Mapping[str, AxisResult]) -> Health:
     """Return the health with what only the finished axes show."""
     moved = any(f.code == 'motion' and f.severity == 'severe' for f in state.findings)
-    extra = tuple(axis_findings(list(found.values()), moved=moved))
+    extra = tuple(axis_findings(list(found.values()), moved=moved, coarse=state.coarse))
     return replace(state, findings=ranked([*state.findings, *extra])) if extra else state

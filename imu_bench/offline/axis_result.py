@@ -11,7 +11,7 @@ from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.noise_model import NoiseModel
 from imu_bench.metrology.normality import Histogram
-from imu_bench.metrology.spectra.spectrum import compare_densities, NoiseDensities
+from imu_bench.metrology.spectra.spectrum import compare_densities, NoiseDensities, two_sided
 from imu_bench.offline.checks import Checks
 from imu_bench.offline.metrology_json import (
     curve_from_json,
@@ -40,6 +40,11 @@ DENSITIES = ('sigma', 'plateau', 'allan')
 """The ways to a noise density, in the order in which they are compared."""
 
 _CUT, _CLEAR = 0.5, 1.5  # of the white noise; of the width of the interval of the mean
+
+_OTHER_NOISE = (
+    'the Allan deviation shows no white noise as strong as the plateau of the spectrum: other '
+    'noise looks flat there'
+)
 
 _DENSITY_FLOATS = ('frequency', 'density')
 
@@ -111,7 +116,8 @@ class AxisResult:
     statistics : mapping of str to Estimate
         By the names in `STATISTICS`.
     noise_density : Estimate
-        One-sided, in unit/√Hz: √2 N of the fitted model, the same live and offline.
+        One-sided, in unit/√Hz: √2 N of the fitted model, the same live and offline.  The JSON
+        document has `white_density` under this name, and this one among the methods.
     noise_density_methods : mapping of str to Estimate
         The same quantity in three ways: 'allan' (the one above), 'plateau' of the spectrum, and
         'sigma' over the square root of half the sample rate.
@@ -156,13 +162,23 @@ class AxisResult:
         """
         One-sided noise density to compare sensors by.
 
-        That of the fit, or of the plateau of the spectrum where the fit shows no white noise: a
-        sensor that blocks slow signals has none at long averaging times.
+        That of the fit; of the plateau of the spectrum where the fit shows no white noise, or
+        shows it behind a high-pass: what is left at long averaging times is no noise of the
+        sensor there, however small it is.
         """
+        return (
+            self.noise_density_methods['plateau']
+            if self.white_from_spectrum
+            else self.noise_density
+        )
+
+    @property
+    def white_from_spectrum(self) -> bool:
+        """Whether `white_density` is that of the plateau."""
         plateau = self.noise_density_methods.get('plateau')
-        if self.noise_density.value is None and plateau is not None and plateau.value is not None:
-            return plateau
-        return self.noise_density
+        if plateau is None or plateau.value is None:
+            return False
+        return self.noise_density.value is None or not self.shows_constants
 
     @property
     def shows_constants(self) -> bool:
@@ -184,11 +200,20 @@ class AxisResult:
         return not bool(np.any(self.allan.high < _CUT * white))
 
     def coefficient(self, term: str) -> Estimate:
-        """Return N, B, … of the fit; behind a high-pass nothing, instead of a tiny bound."""
+        """
+        Return N, B, … of the fit.
+
+        Nothing instead of a tiny number behind a high-pass, nor a bound of N below the density
+        that `white_density` gives.
+        """
         found: Estimate = getattr(self.model, term)
-        if self.shows_constants:
-            return found
-        return Estimate.not_observable(found.unit, 'not defined: it shows no constant signal')
+        if not self.shows_constants:
+            return Estimate.not_observable(found.unit, 'not defined: it shows no constant signal')
+        if term == 'N' and self.white_from_spectrum and found.high is not None:
+            flat = two_sided(self.white_density).low or 0.0
+            if found.high < flat:
+                return Estimate.not_observable(found.unit, _OTHER_NOISE)
+        return found
 
     @property
     def densities(self) -> NoiseDensities | None:
@@ -203,10 +228,12 @@ class AxisResult:
         methods = self.noise_density_methods
         document: dict[str, Any] = {'unit': self.unit}
         document |= {name: value.to_json() for name, value in self.statistics.items()}
-        document['noise_density'] = self.noise_density.to_json()
+        document['noise_density'] = self.white_density.to_json()
         document['noise_density_methods'] = {n: e.to_json() for n, e in methods.items()}
         document['allan'] = None if self.allan is None else curve_to_json(self.allan)
-        document['coefficients'] = {n: e.to_json() for n, e in self.model.coefficients.items()}
+        document['coefficients'] = {
+            n: self.coefficient(n).to_json() for n in self.model.coefficients
+        }
         document['model'] = model_to_json(self.model)
         document['psd'] = None if self.psd is None else self.psd.to_json(self.unit)
         if (compared := self.densities) is not None:
@@ -224,7 +251,7 @@ class AxisResult:
             name=name,
             unit=document['unit'],
             statistics={n: Estimate.from_json(document[n]) for n in STATISTICS if n in document},
-            noise_density=Estimate.from_json(document['noise_density']),
+            noise_density=Estimate.from_json(methods.get('allan', document['noise_density'])),
             noise_density_methods={n: Estimate.from_json(e) for n, e in methods.items()},
             allan=None if curve is None else curve_from_json(curve),
             model=model_from_json(document),

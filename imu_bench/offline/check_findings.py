@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.axis_result import AxisResult
@@ -14,7 +14,9 @@ from imu_bench.offline.notation import number
 _NAMED = 4
 
 
-def axis_findings(axes: Sequence[AxisResult], *, moved: bool) -> Iterator[Finding]:
+def axis_findings(
+    axes: Sequence[AxisResult], *, moved: bool, coarse: Collection[str] = ()
+) -> Iterator[Finding]:
     """
     Yield what the axes of one recording show.
 
@@ -24,6 +26,9 @@ def axis_findings(axes: Sequence[AxisResult], *, moved: bool) -> Iterator[Findin
     moved : bool
         Whether the sensor moved so much that the noise is known to be something else: then only
         tones are worth a word.
+    coarse : collection of str
+        Axes whose noise is known to be below their resolution: what else is odd about it follows
+        from that.
     """
     yield from tone_findings(
         {axis.name: axis.psd.tones for axis in axes if axis.psd is not None},
@@ -31,8 +36,9 @@ def axis_findings(axes: Sequence[AxisResult], *, moved: bool) -> Iterator[Findin
         [name for _, name in _changing(axes)],
     )
     if not moved:
-        yield from _unsteady(axes)
-        yield from _disputed(axes)
+        sound = [axis for axis in axes if axis.name not in coarse]
+        yield from _unsteady(sound)
+        yield from _disputed(sound)
 
 
 def _changing(axes: Sequence[AxisResult]) -> list[tuple[Estimate, str]]:

@@ -266,7 +266,7 @@ def _verdicts(
 def _against(sheet: Typical, axis: AxisResult, position: int, label: str) -> Iterator[Verdict]:
     lines = [
         ('noise density', axis.white_density, sheet.noise_density),
-        ('bias instability', axis.model.B, sheet.bias_instability),
+        ('bias instability', axis.coefficient('B'), sheet.bias_instability),
     ]
     for parameter, measured, given in lines:
         value = given[position] if isinstance(given, tuple) else given

@@ -150,9 +150,13 @@ def _middle_of_flat(model: NoiseModel, curve: DeviationCurve) -> float:
 def _track(
     models: dict[str, DriftModel], white: float, blocks: Blocks, unit: str, confidence: float
 ) -> Tracking | None:
-    source = next((name for name in _TRACKED if name in models and models[name].process), None)
-    process = models[source].process if source else None
-    if source is None or process is None or white <= 0.0:
+    seen = [(name, models[name].process) for name in _TRACKED if name in models]
+    # what is forgotten within a few blocks is the filter of the sensor, and hides no bias
+    source, process = next(
+        ((n, p) for n, p in seen if p and p.correlation_time * blocks.rate_hz >= _FEWEST_PER_TIME),
+        ('', None),
+    )
+    if process is None or white <= 0.0:
         return None
     size = max(
         1,

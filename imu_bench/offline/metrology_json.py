@@ -11,7 +11,7 @@ from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.low_pass import LowPass
 from imu_bench.metrology.fitting.noise_model import GaussMarkov, NoiseModel
-from imu_bench.metrology.normality import Normality
+from imu_bench.metrology.normality import Histogram, Normality
 import numpy as np
 
 _CURVE_FLOATS = ('tau', 'deviation', 'low', 'high', 'edf')
@@ -80,6 +80,30 @@ def model_from_json(document: Mapping[str, Any]) -> NoiseModel:
         fields['low_pass'] = LowPass(low_pass['warped'], low_pass['order'], low_pass['period'])
     fields['tau_high'] = np.inf if model['tau_high'] is None else model['tau_high']
     return NoiseModel(unit=document['unit'], flags=tuple(model['flags']), **fields)
+
+
+def histogram_to_json(found: Histogram) -> dict[str, Any]:
+    """Return the JSON object of a histogram: ``counts[i]`` between ``edges[i]`` and the next."""
+    return {
+        'unit': found.unit,
+        'edges': found.edges.tolist(),
+        'counts': found.count.tolist(),
+        'expected': found.expected.tolist(),
+        'below': found.below,
+        'above': found.above,
+    }
+
+
+def histogram_from_json(document: Mapping[str, Any]) -> Histogram:
+    """Return the histogram that `histogram_to_json` wrote."""
+    return Histogram(
+        np.array(document['edges'], np.float64),
+        np.array(document['counts'], np.int64),
+        np.array(document['expected'], np.float64),
+        document['unit'],
+        document['below'],
+        document['above'],
+    )
 
 
 def normality_to_json(found: Normality) -> dict[str, Any]:

@@ -62,6 +62,18 @@ def number(value: float, digits: int = 4) -> str:
     return f'{mantissa}{_power(exponent)}'
 
 
+def power_of_ten(exponent: int) -> str:
+    """
+    Return a power of ten.
+
+    Examples
+    --------
+    >>> power_of_ten(-6)
+    '10⁻⁶'
+    """
+    return f'10{str(exponent).translate(_SUPERSCRIPT)}'
+
+
 def value_text(estimate: Estimate) -> str:
     """
     Return value and uncertainty without the unit; the upper bound where there is no value.
@@ -225,4 +237,4 @@ def _fixed(value: float, decimals: int) -> str:
 
 
 def _power(exponent: int) -> str:
-    return f'×10{str(exponent).translate(_SUPERSCRIPT)}'
+    return f'×{power_of_ten(exponent)}'

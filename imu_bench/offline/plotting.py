@@ -155,7 +155,7 @@ def density_unit(axes: Sequence[AxisResult]) -> str:
     """Return the unit in which the densities of these axes are read."""
     if not axes:
         return '1'
-    sizes = [axis.noise_density.value for axis in axes]
+    sizes = [axis.white_density.value for axis in axes]
     return readable_unit(axes[0].noise_density.unit, 'density', sizes)
 
 

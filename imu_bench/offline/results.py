@@ -4,7 +4,12 @@ What an analysis found, and its JSON form: schema ``imu_bench.analysis/1``.
 
 Every measured number is an `Estimate`; only counts, settings and the points of
 curves are plain numbers.  `read` gives back what `write` wrote, except for the
-decimated time series and the histograms, which exist for the report alone.
+decimated time series and the histograms of the axes, which exist for the report alone.
+
+``health.jitter_histogram`` of a recording are the intervals between samples in s, without gaps:
+``counts[i]`` lie between ``edges[i]`` and ``edges[i + 1]``, ``below`` and ``above`` outside of
+all, ``expected`` are the counts of a normal distribution of the same mean and σ.  It is null
+where all intervals are equal, and that of the gyroscope where two streams make one sensor.
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ from imu_bench.metrology.normality import Histogram
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.failure import Failure
 from imu_bench.offline.health import Health
+from imu_bench.offline.metrology_json import histogram_from_json, histogram_to_json
 from imu_bench.offline.whole_files import write_text
 
 SCHEMA = 'imu_bench.analysis/1'
@@ -46,7 +52,7 @@ class RecordingResult:
     axes : mapping of str to AxisResult
         By axis name.
     intervals : Histogram or None
-        Of the intervals between samples; for the report, not in the JSON document.
+        Of the intervals between samples; None if they are all equal.
     rates : mapping of str to Estimate
         True sample rate in Hz by quantity, where they differ: two streams that are one sensor.
     """
@@ -77,6 +83,7 @@ class RecordingResult:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON object of one recording."""
+        jitter = None if self.intervals is None else histogram_to_json(self.intervals)
         document: dict[str, Any] = {
             'source': self.source,
             'topic': self.topic,
@@ -84,7 +91,7 @@ class RecordingResult:
             'start_ns': self.start_ns,
             'end_ns': self.end_ns,
             'origin_ns': self.origin_ns,
-            'health': self.health.to_json(),
+            'health': self.health.to_json() | {'jitter_histogram': jitter},
             'axes': {name: axis.to_json() for name, axis in self.axes.items()},
         }
         if self.rates:
@@ -94,6 +101,7 @@ class RecordingResult:
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> RecordingResult:
         """Return the recording that `to_json` wrote."""
+        jitter = document['health'].get('jitter_histogram')
         return cls(
             source=document['source'],
             topic=document['topic'],
@@ -103,6 +111,7 @@ class RecordingResult:
             origin_ns=document['origin_ns'],
             health=Health.from_json(document['health']),
             axes={n: AxisResult.from_json(n, d) for n, d in document['axes'].items()},
+            intervals=None if jitter is None else histogram_from_json(jitter),
             rates={n: Estimate.from_json(d) for n, d in document.get('rates', {}).items()},
         )
 

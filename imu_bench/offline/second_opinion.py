@@ -10,7 +10,7 @@ from typing import Any
 from imu_bench.metrology import whittle
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.fitting.noise_model import NoiseModel
+from imu_bench.metrology.fitting.noise_model import NoiseModel, TERMS
 from imu_bench.metrology.fitting.tangent import tangent_fit
 from imu_bench.offline.blocks import Blocks
 import numpy as np
@@ -103,10 +103,9 @@ def ask(
         shortest_tau=shortest,
         correlation_time=None if process is None else process.T_c.value,
     )
-    contradicted = whittle.disagreements(model, spectral)
-    if blocks.size > 1:
-        # quantisation noise is in the fast part, which averages do not have
-        contradicted = tuple(s for s in contradicted if not s.startswith('Q'))
+    # quantisation noise is in the fast part, which averages do not have
+    compared = TERMS if blocks.size == 1 else TERMS.replace('Q', '')
+    contradicted = whittle.disagreements(model, spectral, terms=compared)
     return SecondOpinion(
         {'whittle': spectral.coefficients, 'tangent': tangent_fit(curve).coefficients},
         contradicted,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are there completely or not at all: a full disk leaves no half of a result."""
+"""Files and folders that are there completely or not at all: a full disk leaves no half."""
 
 from __future__ import annotations
 
@@ -7,6 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
+import shutil
+
+from imu_bench.errors import RecordingError
+
+UNFINISHED = '.unfinished-'
+"""What names begin with while they are written; a process that is killed leaves such behind."""
 
 
 @contextmanager
@@ -46,7 +52,7 @@ def whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield path
         return
     target = path.resolve()
-    draft = target.with_name(f'.unfinished-{target.name}')
+    draft = target.with_name(f'{UNFINISHED}{target.name}')
     try:
         yield draft
         draft.replace(target)
@@ -55,6 +61,57 @@ def whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """
+    Give the name of a folder to make, which moves to its place when the block has ended well.
+
+    If it ends otherwise it is removed.  It has its last name from the beginning, since the files
+    of a bag are named after it, and is made in a folder ``.unfinished-<name>`` beside that place;
+    what a killed process has left there is removed.
+
+    Parameters
+    ----------
+    path : path
+        The folder; must not exist.
+
+    Yields
+    ------
+    Path
+        Where to make it.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be written; it names the folder, not the draft.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with whole_folder(Path(folder) / 'bag') as draft:
+    ...         draft.mkdir()
+    ...     os.listdir(folder)
+    ['bag']
+    """
+    path = Path(path)
+    home = path.parent / f'{UNFINISHED}{path.name}'
+    draft = home / path.name
+    shutil.rmtree(home, ignore_errors=True)
+    try:
+        home.mkdir(parents=True)
+        yield draft
+        draft.rename(path)
+    except OSError as error:
+        raise RecordingError(f'{path}: cannot be written: {error.strerror}') from error
+    except RecordingError as error:
+        # its second half says what is kept
+        reason = str(error).replace(str(draft), str(path), 1).partition(';')[0]
+        raise RecordingError(f'{reason}; what was written is removed') from error
+    finally:
+        shutil.rmtree(home, ignore_errors=True)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

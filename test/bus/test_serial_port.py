@@ -37,6 +37,15 @@ def plug(tmp_path):
         made.pull()
 
 
+def test_a_line_that_is_not_there_is_said_once_with_what_to_do(tmp_path):
+    with pytest.raises(BusError) as caught:
+        SerialPort(str(tmp_path / 'ttyAMA0'), 115200)
+    said = str(caught.value)
+    assert said.count('ttyAMA0') == 1
+    assert said.count('No such file') == 1
+    assert 'enable_uart=1 into /boot/firmware/config.txt' in said
+
+
 def test_a_plug_that_was_pulled_and_put_back_works_without_being_told(plug):
     port = SerialPort(str(plug.path), 115200)
     port.write(b'before')

@@ -163,7 +163,7 @@ class TestBadInput:
     def test_a_window_outside(self, imu_bench, write_csv):
         code, _, err = imu_bench('analyze', write_csv(), '--start', '1000')
         assert code == 1
-        assert 'no sample between' in one_line(err)
+        assert 'no sample from 1000 s on' in one_line(err)
 
     def test_an_output_that_cannot_be_written_is_refused_first(
         self, imu_bench, write_csv, tmp_path

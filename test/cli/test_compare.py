@@ -65,3 +65,18 @@ def test_a_file_that_is_no_result(imu_bench, documents, tmp_path):
     assert code == 1
     assert len(err.splitlines()) == 1
     assert 'no.json' in err
+
+
+def test_a_narrow_terminal_gets_every_word(imu_bench, documents, monkeypatch):
+    from imu_bench.cli import table
+
+    wide = table.console
+    monkeypatch.setattr(table, 'console', lambda: wide(40))
+    code, out, _ = imu_bench('compare', *documents)
+    assert code == 0
+    shown, _, lines = out.partition('chip: after against before')
+    assert shown
+    assert max(map(len, lines.splitlines())) <= 40
+    assert '…' not in lines
+    assert re.search(r'linear_acceleration\.x\n +bias\n', lines)
+    assert re.search(r'noise density\n +\S.* higher\n', lines)

@@ -79,6 +79,48 @@ def test_permissions_come_with_what_to_do(monkeypatch, capsys):
     assert '/dev/i2c-1: sudo usermod -aG i2c $USER' in shown
 
 
+def pi_with(monkeypatch, *buses, model='Raspberry Pi 4 Model B Rev 1.4'):
+    made = [Bus(f'/dev/{name}', kind, '', kind, usable, 0.0) for name, kind, usable in buses]
+    monkeypatch.setattr(machine, 'buses', lambda: made)
+    monkeypatch.setattr(machine, 'model', lambda: model)
+
+
+@pytest.mark.parametrize(
+    ('buses', 'lacking'),
+    [
+        ([], {'i2c_arm', 'spi'}),
+        ([('ttyAMA0', 'serial', True)], {'i2c_arm', 'spi'}),
+        ([('i2c-1', 'i2c', False)], {'spi'}),
+        ([('i2c-1', 'i2c', False), ('spidev0.0', 'spi', False)], set()),
+    ],
+)
+def test_a_raspberry_pi_is_told_which_lines_its_config_lacks(monkeypatch, capsys, buses, lacking):
+    pi_with(monkeypatch, *buses)
+    assert main(['doctor']) == 0
+    shown = capsys.readouterr().out
+    for line in ('i2c_arm', 'spi'):
+        assert (f'dtparam={line}=on into /boot/firmware/config.txt' in shown) == (line in lacking)
+
+
+@pytest.mark.parametrize('arguments', [['doctor', '--no-probe'], ['doctor']])
+def test_of_buses_that_nobody_was_asked_on_nothing_is_said(monkeypatch, capsys, arguments):
+    pi_with(monkeypatch, ('i2c-1', 'i2c', '--no-probe' in arguments), ('ttyAMA0', 'serial', True))
+    assert main(arguments) == 0
+    assert 'Nothing answers' not in capsys.readouterr().out
+
+
+def test_a_full_bus_is_not_made_faster_for_a_sensor_that_stretches_its_clock(
+    monkeypatch, capsys, sensor_file
+):
+    pi_with(monkeypatch)
+    bench = sensor_file(driver='bno055', backend='hardware', bus='i2c-1')
+    assert main(['doctor', bench, '--i2c-hz', '50000']) == 1
+    shown = capsys.readouterr().out
+    assert 'stretches the clock' in shown
+    assert 'i2c_arm_baudrate=400000' not in shown
+    assert 'Give one its serial line or a bus of its own before this one is made faster' in shown
+
+
 @pytest.mark.parametrize('speed', ['0', 'fast', '-1'])
 def test_an_impossible_clock_is_wrong_usage(speed):
     with pytest.raises(SystemExit) as caught:

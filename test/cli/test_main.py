@@ -49,6 +49,21 @@ def test_wrong_usage(imu_bench, arguments):
     assert imu_bench(*arguments)[0] == 2
 
 
+@pytest.mark.parametrize(
+    ('arguments', 'usage', 'hint'),
+    [
+        (('analyze', 'x', '--figurse', 'd'), 'imu-bench analyze', "did you mean '--figures'?"),
+        (('simulate', 'b', '-o', 'd', '--sede=1'), 'imu-bench simulate', "mean '--seed'?"),
+        (('compare', 'x', '--qqq'), 'imu-bench compare', 'unrecognized arguments: --qqq\n'),
+    ],
+)
+def test_an_unknown_option_shows_the_usage_of_its_verb(imu_bench, arguments, usage, hint):
+    code, _, err = imu_bench(*arguments)
+    assert code == 2
+    assert err.startswith(f'usage: {usage} ')
+    assert hint in err.splitlines(keepends=True)[-1]
+
+
 def test_help_imports_nothing_heavy():
     script = (
         'import sys\n'

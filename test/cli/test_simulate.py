@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """`imu-bench simulate`: bags of benches, scenarios and results; bad input is one clear line."""
 
+import errno
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -52,6 +54,20 @@ def test_a_bag_of_a_bench_that_analyze_reads(imu_bench, own_bench, tmp_path):
         n = expected['coefficients']['N']['value']
         assert axis['coefficients']['N']['value'] == pytest.approx(n, rel=0.03)
         assert axis['mean']['value'] == pytest.approx(expected['at_start']['value'], abs=2e-3)
+
+
+def test_options_of_text_files_are_said_to_be_unused_on_a_bag(imu_bench, own_bench, tmp_path):
+    bag = tmp_path / 'out' / 'bag'
+    imu_bench('simulate', own_bench, '--duration', '20s', '-o', bag)
+    # what a killed simulation leaves is no recording
+    (bag.parent / '.unfinished-other').mkdir()
+    shutil.copytree(bag, bag.parent / '.unfinished-other' / 'other')
+    code, out, _ = imu_bench(
+        'analyze', bag.parent, '--topic', '/bench/left/imu/data_raw',
+        '--rate', '5', '--units', 'foo=bar',
+    )  # fmt: skip
+    assert code == 0
+    assert out.count('--rate and --units are not used: a bag has ') == 1
 
 
 def test_the_twin_of_a_result_is_simulated_and_its_files_are_written(
@@ -160,21 +176,40 @@ def test_a_bench_with_a_wrong_unit_names_file_and_setting(imu_bench, own_bench, 
     assert "acceleration.bias: '20 furlong': unknown unit" in err
 
 
-@pytest.mark.parametrize(
-    ('storage', 'left'), [('npy', 'cannot be read: remove it'), ('mcap', 'ends where it was')]
-)
-def test_a_run_that_is_stopped_says_what_it_leaves(
-    imu_bench, own_bench, tmp_path, monkeypatch, storage, left
+@pytest.mark.parametrize('storage', ['npy', 'mcap', 'sqlite3'])
+def test_a_run_that_is_stopped_leaves_nothing(
+    imu_bench, own_bench, tmp_path, monkeypatch, storage
 ):
+    seen = []
+
     def stop(*_):
+        seen.extend(path.name for path in tmp_path.iterdir())
         raise KeyboardInterrupt
 
     monkeypatch.setattr('imu_bench.cli.progress.Bar.phase', lambda bar, name: stop)
-    output = tmp_path / 'bag'
+    before = sorted(tmp_path.iterdir())
     code, _, err = imu_bench(
-        'simulate', own_bench, '--duration', '10min', '-o', output, '--storage', storage
+        'simulate', own_bench, '--duration', '10min', '-o', tmp_path / 'bag', '--storage', storage
     )
-    note, stopped = err.splitlines()
-    assert (code, stopped) == (130, 'imu-bench: stopped')
-    assert str(output) in note
-    assert left in note
+    assert (code, err) == (130, 'imu-bench: stopped\n')
+    assert '.unfinished-bag' in seen
+    assert 'bag' not in seen
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_full_disk_leaves_nothing_and_is_one_line(imu_bench, own_bench, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr('imu_bench.bags.writer.BagWriter.flush', full)
+    monkeypatch.setattr('imu_bench.simulation.columns.ColumnWriter.write', full)
+    before = sorted(tmp_path.iterdir())
+    for storage in ('mcap', 'npy'):
+        code, _, err = imu_bench(
+            'simulate', own_bench, '--duration', '20s', '-o', tmp_path / 'a', '--storage', storage
+        )
+        assert code == 1
+        assert f'{tmp_path / "a"}: ' in one_line(err)
+        assert 'unfinished' not in err
+    assert err.endswith('a: the disk is full; what was written is removed\n')
+    assert sorted(tmp_path.iterdir()) == before

@@ -38,6 +38,8 @@ def test_each_fault_is_told_live_recovered_from_and_in_the_report(tmp_path):
     result = run_demo(tmp_path, FAULTS)
     assert result.returncode == 0, result.stdout + result.stderr
     assert '4 of 4 faults recovered from, ' in result.stdout
+    assert result.stdout.count(' samples lost to the scripted faults, ') == 2
+    assert 'NOT keep' not in result.stdout
     for words in (
         'unplugged +begins, for 1 s',
         'unplugged +NoAnswer: emulated mpu9250 on i2c: nothing answers; check power',

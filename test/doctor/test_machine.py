@@ -66,6 +66,23 @@ def test_a_raspberry_pi_is_known(made_up, monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ('model', 'wrongly'),
+    [
+        ('Raspberry Pi 4 Model B Rev 1.4', True),
+        ('Raspberry Pi Zero 2 W Rev 1.0', True),
+        ('Raspberry Pi Compute Module 4 Rev 1.1', True),
+        ('Raspberry Pi 5 Model B Rev 1.0', False),
+        ('Raspberry Pi 500 Rev 1.0', False),
+        ('Raspberry Pi Compute Module 5 Rev 1.0', False),
+        ('', False),
+    ],
+)
+def test_which_computers_handle_a_stretched_clock_wrongly(monkeypatch, model, wrongly):
+    monkeypatch.setattr(machine, 'model', lambda: model)
+    assert machine.mishandles_stretching() == wrongly
+
+
+@pytest.mark.parametrize(
     ('granted', 'advised'), [('real time, priority 10', False), ('ordinary: no', True)]
 )
 def test_threads_that_may_not_go_first_have_advice(monkeypatch, granted, advised):

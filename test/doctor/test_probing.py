@@ -122,7 +122,10 @@ def test_a_sensor_of_a_bench_is_asked_without_a_write(desk):
     desk.chips = {(0x68, 0x75): b'\x71'}
     assert probing.check(sensor) == 'MPU-9250'
     desk.chips = {(0x68, 0x75): b'\x6f'}
-    with pytest.raises(IdentityError, match='holds 0x6F'):
+    with pytest.raises(IdentityError, match=r'0x6F.*; TDK .* answers there, driver: iim42652$'):
+        probing.check(sensor)
+    desk.chips = {(0x68, 0x75): b'\x6e'}
+    with pytest.raises(IdentityError, match=r'the part itself$'):
         probing.check(sensor)
 
 

@@ -212,11 +212,18 @@ def test_stopping_goes_to_config():
         ({'gyroscope_bandwidth': 47.0}, 'gyroscope_bandwidth: mode ndof has 32 Hz'),
         ({'magnetometer_rate_hz': 10.0}, 'magnetometer_rate_hz: mode ndof has 20 Hz'),
         ({'accelerometer_range': 3.0}, '2, 4, 8, 16'),
+        ({'magnetometer_mode': 'enhanced'}, 'magnetometer_mode: mode ndof sets it itself'),
+        ({'magnetometer_mode': 'best'}, 'low power, regular, enhanced, high accuracy'),
     ],
 )
 def test_what_cannot_be_is_refused(settings, text):
     with pytest.raises(ConfigError, match=text):
         driver(**settings)
+
+
+def test_without_fusion_the_mode_of_the_magnetometer_is_a_setting():
+    made = driver(mode='amg', magnetometer_mode='high accuracy')
+    assert made.assignments()[Bno055.magnetometer_mode] == 'high accuracy'
 
 
 def test_rates_of_the_modes():

@@ -69,9 +69,20 @@ def test_the_code_of_every_rate(rate):
     assert made.poll_period_s == pytest.approx(min(32 / rate, 0.25))
 
 
+def test_the_orders_of_the_filters_and_the_full_scale_that_adapts_are_settings():
+    given = driver(gyroscope_order=1, accelerometer_order=3, adaptive_full_scale=False)
+    codes = {field.name: field.encode(value) for field, value in given.assignments().items()}
+    assert (codes['gyroscope_order'], codes['accelerometer_order']) == (0, 2)
+    assert codes['adaptive_full_scale'] == 1
+    usual = {field.name: field.encode(value) for field, value in driver().assignments().items()}
+    assert (usual['gyroscope_order'], usual['accelerometer_order']) == (1, 1)
+    assert usual['adaptive_full_scale'] == 0x91 >> 6  # as after a reset
+
+
 @pytest.mark.parametrize(
     ('settings', 'text'),
     [
+        ({'gyroscope_order': 4}, 'gyroscope_order.*1, 2, 3'),
         ({'rate_hz': 400.0}, 'rate_hz.*12.5, 25, 50, 100, 200, 500, 1000'),
         ({'accelerometer_range': 3.0}, 'accelerometer_range.*16, 8, 4, 2 g'),
         ({'gyroscope_bandwidth': '92 Hz'}, 'gyroscope_bandwidth.*ODR/2, ODR/4'),

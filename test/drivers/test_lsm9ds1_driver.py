@@ -81,6 +81,12 @@ def test_defaults_are_the_settings_of_the_thesis():
     assert written['CTRL_REG8'] == 0x44
     assert written['magnetometer_rate'] == 7
     assert written['magnetometer_mode'] == 0
+    assert (written['magnetometer_quality'], written['magnetometer_quality_z']) == (3, 3)
+
+
+def test_the_quality_of_the_magnetometer_is_that_of_all_its_axes():
+    written = codes(driver(magnetometer_quality='medium'))
+    assert (written['magnetometer_quality'], written['magnetometer_quality_z']) == (1, 1)
 
 
 def test_the_vehicle_test_can_be_set():
@@ -99,6 +105,7 @@ def test_the_vehicle_test_can_be_set():
         ('gyroscope_range', 250.0, '245, 500, 2000 °/s'),
         ('gyroscope_low_pass_2', 15.0, '0, 14, 16, 21'),
         ('magnetometer_range', 1.3, '4, 8, 12, 16 G'),
+        ('magnetometer_quality', 'best', 'low, medium, high, ultra-high'),
         ('magnetometer_rate_hz', 100.0, '0, 0.625, 1.25'),
     ],
 )

@@ -92,10 +92,18 @@ def test_defaults_are_the_settings_of_the_thesis():
     assert codes['sample_rate'] == 0
 
 
+def test_every_divider_of_the_sheet_is_a_rate():
+    for divider in range(256):
+        made = driver(rate_hz=round(1000.0 / (1 + divider), 3))
+        given = {field.name: field.encode(value) for field, value in made.assignments().items()}
+        assert given['sample_rate'] == divider
+        assert made.rate_hz == pytest.approx(1000.0 / (1 + divider), rel=2e-4)
+
+
 @pytest.mark.parametrize(
     ('name', 'value', 'allowed'),
     [
-        ('rate_hz', 740.0, '1000, 500, 250'),
+        ('rate_hz', 740.0, '1000, 500, 333.333, .*3.906 Hz; nearest 500 and 1000'),
         ('accelerometer_range', 3.0, '2, 4, 8, 16 g'),
         ('accelerometer_bandwidth', 218.1, '460, 184, 92'),
         ('gyroscope_range', 300.0, '250, 500, 1000, 2000 °/s'),

@@ -34,10 +34,11 @@ class Bare:
         self.bus.write(0x76, b'\x00')
         return data
 
-    def start(self, rate=0x06, fs=0x00, fifo=0x0F, bandwidth=0x11, tick=0x23):
+    def start(self, rate=0x06, fs=0x00, fifo=0x0F, bandwidth=0x11, tick=0x23, order=2):
         """As DS section 12 orders it: filters, FIFO, power, stream."""
         for number, byte in (
-            (0x4F, fs | rate), (0x50, fs | rate), (0x52, bandwidth), (0x54, tick), (0x5F, fifo),
+            (0x4F, fs | rate), (0x50, fs | rate), (0x52, bandwidth), (0x54, tick),
+            (0x51, 0x12 | order - 1 << 2), (0x53, 0x05 | order - 1 << 3), (0x5F, fifo),
             (0x64, 0x00), (0x4E, 0x0F),
         ):  # fmt: skip
             self.write(number, byte)
@@ -170,14 +171,15 @@ def test_codes_of_the_rate(chip, code, rate):
 
 
 @pytest.mark.parametrize(
-    ('rate', 'code', 'corner'),
+    ('rate', 'code', 'order', 'corner'),
     [
-        # DS section 5.5, second order
-        (0x06, 0x1, 230.7), (0x06, 0x4, 97.1), (0x06, 0x7, 21.3), (0x0F, 0x1, 115.3),
-        (0x0F, 0x3, 58.8), (0x0F, 0x6, 24.0), (0x07, 0x5, 23.8), (0x07, 0x1, 92.3),
+        # DS section 5.5
+        (0x06, 0x1, 2, 230.7), (0x06, 0x4, 2, 97.1), (0x06, 0x7, 2, 21.3), (0x0F, 0x1, 2, 115.3),
+        (0x0F, 0x3, 2, 58.8), (0x0F, 0x6, 2, 24.0), (0x07, 0x5, 2, 23.8), (0x07, 0x1, 2, 92.3),
+        (0x06, 0x3, 1, 111.0), (0x06, 0x7, 1, 23.9), (0x06, 0x3, 3, 118.9), (0x06, 0x7, 3, 25.2),
     ],
 )  # fmt: skip
-def test_the_filter_of_the_registers(chip, clock, make_source, rate, code, corner):
+def test_the_filter_of_the_registers(chip, clock, make_source, rate, code, order, corner):
     class Sine(type(make_source())):
         def samples_until(self, t_ns):
             samples = super().samples_until(t_ns)
@@ -188,7 +190,7 @@ def test_the_filter_of_the_registers(chip, clock, make_source, rate, code, corne
     source = make_source()
     source.__class__ = Sine
     made = chip(source=source)
-    made.start(rate=rate, bandwidth=code << 4 | code)
+    made.start(rate=rate, bandwidth=code << 4 | code, order=order)
     words = []
     for _ in range(60):
         clock.sleep(0.05)

@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a deviation must do on any data: algebra, gaps, decimation, bad input."""
 
-import tracemalloc
 import warnings
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from imu_bench.errors import DataError, UnitError
-from imu_bench.metrology import allan, blockwise
-from imu_bench.metrology.deviations import allan_kernels, integral
+from imu_bench.metrology import allan
 import numpy as np
 import pytest
 
@@ -18,23 +16,6 @@ TWO_DIFFERENCES = ('adev', 'oadev', 'mdev', 'totdev')
 seeds = st.integers(0, 2**32 - 1)
 records = st.integers(40, 400)
 rates = st.sampled_from([1.0, 12.5, 200.0, 1666.7])
-
-
-def noise(seed, n, alpha=0):
-    white = np.random.default_rng(seed).normal(size=n)
-    if alpha == 0:
-        return white
-    return np.cumsum(white) if alpha == -2 else flicker(white)
-
-
-def flicker(white):
-    """Return flicker noise of a white one twice as long, its beginning left out."""
-    n = white.size
-    k = np.arange(1, 2 * n)
-    response = np.concatenate(([1.0], np.cumprod((k - 0.5) / k)))
-    more = np.concatenate((np.random.default_rng(n).normal(size=n), white))
-    size = 4 * n
-    return np.fft.irfft(np.fft.rfft(more, size) * np.fft.rfft(response, size), size)[n : 2 * n]
 
 
 # --- algebra -----------------------------------------------------------------------------
@@ -71,7 +52,7 @@ def test_hadamard_rejects_a_ramp(kind):
 @pytest.mark.parametrize('kind', KINDS)
 @settings(max_examples=20, deadline=None)
 @given(seed=seeds, n=records, factor=st.floats(1e-9, 1e9), offset=st.floats(-1e3, 1e3))
-def test_scaling_and_offset(kind, seed, n, factor, offset):
+def test_scaling_and_offset(noise, kind, seed, n, factor, offset):
     data = noise(seed, n)
     plain = allan.deviation(data, 50.0, kind=kind)
     scaled = allan.deviation(factor * data, 50.0, kind=kind)
@@ -85,7 +66,7 @@ def test_scaling_and_offset(kind, seed, n, factor, offset):
 @pytest.mark.parametrize('kind', ['oadev', 'mdev', 'tdev', 'ohdev', 'totdev'])
 @settings(max_examples=20, deadline=None)
 @given(seed=seeds, n=records, alpha=st.sampled_from([0, -2]))
-def test_time_reversal(kind, seed, n, alpha):
+def test_time_reversal(noise, kind, seed, n, alpha):
     data = noise(seed, n, alpha)
     forward = allan.deviation(data, 50.0, kind=kind)
     backward = allan.deviation(data[::-1], 50.0, kind=kind)
@@ -95,7 +76,7 @@ def test_time_reversal(kind, seed, n, alpha):
 @pytest.mark.parametrize('kind', KINDS)
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds, n=records, rate=rates)
-def test_rate_and_its_integral_agree(kind, seed, n, rate):
+def test_rate_and_its_integral_agree(noise, kind, seed, n, rate):
     data = noise(seed, n)
     integral = np.concatenate(([0.0], np.cumsum(data))) / rate
     by_rate = allan.deviation(data, rate, kind=kind)
@@ -106,7 +87,7 @@ def test_rate_and_its_integral_agree(kind, seed, n, rate):
 
 @pytest.mark.parametrize(('alpha', 'slope'), [(0, -0.5), (-1, 0.0), (-2, 0.5)])
 @pytest.mark.parametrize('kind', ['adev', 'oadev', 'mdev', 'hdev', 'ohdev', 'totdev'])
-def test_slopes_of_power_laws(kind, alpha, slope):
+def test_slopes_of_power_laws(noise, kind, alpha, slope):
     data = noise(11, 200_000, alpha)
     curve = allan.deviation(data, 1.0, kind=kind, tau=[20.0, 2000.0])
     measured = np.log10(curve.deviation[1] / curve.deviation[0]) / 2.0
@@ -114,7 +95,7 @@ def test_slopes_of_power_laws(kind, alpha, slope):
     assert curve.alpha.tolist() == [alpha, alpha]
 
 
-def test_level_of_white_noise_is_n_over_root_tau():
+def test_level_of_white_noise_is_n_over_root_tau(noise):
     density, rate = 3e-3, 200.0
     data = density * np.sqrt(rate) * noise(12, 1_000_000)
     curve = allan.deviation(data, rate, tau=[0.1, 1.0, 10.0])
@@ -122,7 +103,7 @@ def test_level_of_white_noise_is_n_over_root_tau():
     assert np.all(curve.high >= density / np.sqrt(curve.tau))
 
 
-def test_offset_of_gravity_costs_no_digits():
+def test_offset_of_gravity_costs_no_digits(noise):
     """10 million samples around 9.81 m/s² would lose seven digits if summed as they are."""
     data = 1e-4 * noise(13, 1_000_000)
     bare = allan.deviation(data, 200.0, tau=[0.005, 1.0])
@@ -138,7 +119,7 @@ def test_axes_are_separate():
         np.testing.assert_array_equal(curve.deviation, alone.deviation)
 
 
-def test_time_deviation_is_in_the_integral_of_the_unit():
+def test_time_deviation_is_in_the_integral_of_the_unit(noise):
     data = noise(15, 500)
     mdev = allan.deviation(data, 10.0, kind='mdev', unit='rad/s')
     tdev = allan.deviation(data, 10.0, kind='tdev', unit='rad/s')
@@ -152,7 +133,7 @@ def test_time_deviation_is_in_the_integral_of_the_unit():
 @pytest.mark.parametrize('kind', KINDS)
 @settings(max_examples=15, deadline=None)
 @given(seed=seeds, n=records)
-def test_without_gaps_a_mask_changes_nothing(kind, seed, n):
+def test_without_gaps_a_mask_changes_nothing(noise, kind, seed, n):
     data = noise(seed, n)
     plain = allan.deviation(data, 10.0, kind=kind)
     masked = allan.deviation(data, 10.0, kind=kind, valid=np.ones(n, bool))
@@ -184,7 +165,7 @@ def test_only_complete_differences_count(seed, n, m, lost):
     assert curve.span == n
 
 
-def test_what_a_missing_sample_holds_does_not_matter():
+def test_what_a_missing_sample_holds_does_not_matter(noise):
     data = noise(16, 1000)
     valid = np.ones(1000, bool)
     valid[100:300] = False
@@ -199,7 +180,7 @@ def test_what_a_missing_sample_holds_does_not_matter():
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_gaps_pool_the_runs(kind):
+def test_gaps_pool_the_runs(noise, kind):
     """Two runs with a hole between are two records: their squares add, weighted by terms."""
     data = noise(17, 1500)
     valid = np.ones(1500, bool)
@@ -216,7 +197,7 @@ def test_gaps_pool_the_runs(kind):
 
 
 @pytest.mark.slow
-def test_three_holes_of_ten_minutes_in_three_hours():
+def test_three_holes_of_ten_minutes_in_three_hours(noise):
     """
     At 300 s the mean deviation of 100 records is within 3 % of theory.
 
@@ -240,7 +221,7 @@ def test_three_holes_of_ten_minutes_in_three_hours():
     assert np.sqrt(np.mean(np.square(joined), axis=0))[-1] / theory[-1] > 1.04
 
 
-def test_averaging_times_that_gaps_rule_out_are_listed():
+def test_averaging_times_that_gaps_rule_out_are_listed(noise):
     valid = np.ones(1000, bool)
     valid[::100] = False
     curve = allan.deviation(noise(18, 1000), 10.0, tau=[1.0, 4.0, 20.0], valid=valid)
@@ -255,7 +236,7 @@ def test_averaging_times_that_gaps_rule_out_are_listed():
 
 @pytest.mark.parametrize('kind', KINDS)
 @pytest.mark.parametrize('tau', ['log', 'octave', 'decade', 'all'])
-def test_named_grids_can_all_be_had(kind, tau):
+def test_named_grids_can_all_be_had(noise, kind, tau):
     for n in (9, 10, 100, 999):
         curve = allan.deviation(noise(19, n), 1.0, kind=kind, tau=tau)
         assert curve.omitted == ()
@@ -277,148 +258,15 @@ def test_any_whole_factor_may_be_asked_for():
     assert allan.averaging_factors(1000, m / 62.5, 62.5).tolist() == m.tolist()
 
 
-def test_tau_below_the_sample_period():
+def test_tau_below_the_sample_period(noise):
     with pytest.raises(DataError, match=r'tau 0\.001 s is below the sample period of 0\.01 s'):
         allan.deviation(noise(20, 100), 100.0, tau=[0.001, 0.1])
-
-
-# --- decimation, threads -----------------------------------------------------------------
-
-
-def test_up_to_a_million_samples_auto_is_full_overlap():
-    data = noise(21, 20_000)
-    auto = allan.deviation(data, 10.0)
-    full = allan.deviation(data, 10.0, overlap='full')
-    np.testing.assert_array_equal(auto.deviation, full.deviation)
-    assert auto.terms.tolist() == (20_001 - 2 * auto.m).tolist()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('alpha', [0, -1, -2])
-def test_decimated_is_within_a_percent_of_full_overlap(alpha):
-    for seed in range(10):
-        data = noise(seed, 100_000, alpha)
-        full = allan.deviation(data, 10.0, overlap='full')
-        thin = allan.deviation(data, 10.0, overlap='decimated')
-        np.testing.assert_array_equal(thin.m, full.m)
-        np.testing.assert_array_equal(thin.edf, full.edf)
-        assert thin.terms.sum() < 0.6 * full.terms.sum()
-        below = full.m < 10_000
-        np.testing.assert_allclose(thin.deviation[below], full.deviation[below], rtol=0.01)
-
-
-def test_decimated_gives_phase_noise_in_full():
-    """Its differences are uncorrelated, so fewer of them would cost efficiency."""
-    data = np.diff(noise(22, 50_001))
-    full = allan.deviation(data, 10.0, overlap='full')
-    thin = allan.deviation(data, 10.0, overlap='decimated')
-    assert set(full.alpha.tolist()) == {2}
-    np.testing.assert_array_equal(thin.deviation, full.deviation)
-
-
-def test_decimated_is_not_misled_by_a_tone_locked_to_the_clock():
-    """Periods of 2, 4 and 8 samples, strong enough to carry a part of the deviation."""
-    data = noise(23, 100_000)
-    for period, amplitude in ((2, 20.0), (4, 10.0), (8, 5.0)):
-        data += amplitude * np.sin(2.0 * np.pi * np.arange(data.size) / period + 0.3)
-    full = allan.deviation(data, 10.0, overlap='full')
-    thin = allan.deviation(data, 10.0, overlap='decimated')
-    below = full.m < 10_000
-    np.testing.assert_allclose(thin.deviation[below], full.deviation[below], rtol=0.01)
-
-
-def test_decimated_with_gaps():
-    data = noise(24, 60_000, -2)
-    valid = np.ones(data.size, bool)
-    valid[[10_001, 10_002, 31_333]] = False
-    full = allan.deviation(data, 10.0, valid=valid, overlap='full')
-    thin = allan.deviation(data, 10.0, valid=valid, overlap='decimated')
-    np.testing.assert_allclose(thin.deviation, full.deviation, rtol=0.01)
-    np.testing.assert_array_equal(thin.m, full.m)
-
-
-@pytest.mark.slow
-def test_threads_change_nothing(monkeypatch):
-    monkeypatch.setattr(blockwise, 'BLOCK', 1 << 12)
-    monkeypatch.setattr(blockwise, '_WORTH_THREADS', 0)
-    data = noise(25, 100_000) + 9.81
-    for overlap in ('full', 'decimated'):
-        one = allan.deviation(data, 10.0, overlap=overlap, threads=1)
-        four = allan.deviation(data, 10.0, overlap=overlap, threads=4)
-        for name in ('deviation', 'low', 'high', 'terms', 'alpha'):
-            np.testing.assert_array_equal(getattr(four, name), getattr(one, name))
-
-
-@pytest.mark.parametrize('kind', KINDS)
-def test_blocks_change_nothing_but_rounding(kind, monkeypatch):
-    data = noise(26, 5000)
-    whole = allan.deviation(data, 10.0, kind=kind)
-    monkeypatch.setattr(blockwise, 'BLOCK', 1 << 9)
-    pieces = allan.deviation(data, 10.0, kind=kind)
-    np.testing.assert_allclose(pieces.deviation, whole.deviation, rtol=1e-12)
-
-
-@pytest.mark.slow
-def test_memory_is_at_most_two_copies_of_an_axis():
-    data = noise(36, 3_000_000)
-    for overlap in ('full', 'auto'):
-        tracemalloc.start()
-        allan.deviation(data, 10.0, overlap=overlap, threads=1)
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        assert peak <= 2 * data.nbytes
-
-
-# --- from sums, moving window ------------------------------------------------------------
-
-
-def test_curve_from_sums_is_the_batch_curve():
-    data = 9.81 + noise(27, 4000)
-    valid = np.ones(4000, bool)
-    valid[1200:1210] = False
-    rate = 100.0
-    batch = allan.deviation(data, rate, valid=valid, overlap='full', unit='m/s²')
-    phase = integral.cumulate(data - 3.0, valid) / rate + 77.0
-    runs = allan_kernels.complete_runs(valid) + np.array([0, 1])
-    sums, terms = allan_kernels.second_difference_sums(phase, batch.m, runs)
-    curve = allan.curve_from_sums(
-        batch.m, sums, terms, 1.0 / rate, 3990, 4000, 'm/s²', 0.95, batch.alpha, runs,
-        batch.omitted,
-    )  # fmt: skip
-    for name in ('deviation', 'low', 'high', 'edf', 'tau'):
-        np.testing.assert_allclose(getattr(curve, name), getattr(batch, name), rtol=1e-9)
-    assert (curve.samples, curve.span, curve.unit) == (batch.samples, batch.span, batch.unit)
-
-
-def test_moving_window_is_the_deviation_of_each_window():
-    data = noise(28, 3000)
-    valid = np.ones(3000, bool)
-    valid[1000:2000] = False
-    moving = allan.dynamic_deviation(data, 10.0, 50.0, 25.0, valid=valid, tau=[1.0, 10.0])
-    assert moving.start.tolist() == [0.0, 25.0, 50.0, 75.0, 100.0, 125.0, 150.0, 175.0, 200.0,
-                                     225.0, 250.0]  # fmt: skip
-    tau, values, terms = moving.surface()
-    assert tau.tolist() == [1.0, 10.0]
-    alone = allan.deviation(data[250:750], 10.0, tau=[1.0, 10.0])
-    np.testing.assert_array_equal(values[1], alone.deviation)
-    assert moving.curves[4] is None
-    assert values[4].tolist() == [0.0, 0.0]
-    assert terms[4].tolist() == [0, 0]
-    # samples 750 to 999 of the window from 75 s are there
-    assert terms[3].tolist() == [250 - 20 + 1, 250 - 200 + 1]
-
-
-def test_moving_window_that_does_not_fit():
-    with pytest.raises(DataError, match='a window of 60 s does not fit a record of 50 s'):
-        allan.dynamic_deviation(noise(29, 500), 10.0, 60.0, 1.0)
-    with pytest.raises(DataError, match='at least one sample'):
-        allan.dynamic_deviation(noise(29, 500), 10.0, 10.0, 0.01)
 
 
 # --- bad input ---------------------------------------------------------------------------
 
 
-def test_nothing_is_said_on_the_screen():
+def test_nothing_is_said_on_the_screen(noise):
     """Equal data, tiny and huge data, short data: no warning of numpy's."""
     with warnings.catch_warnings():
         warnings.simplefilter('error')
@@ -431,7 +279,7 @@ def test_nothing_is_said_on_the_screen():
 
 @pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize('data_type', ['rate', 'phase'])
-def test_unfinite_samples(bad, data_type):
+def test_unfinite_samples(noise, bad, data_type):
     data = noise(31, 200)
     data[[17, 50]] = bad
     with pytest.raises(DataError, match=r'2 of 200 samples.*index 17; declare.*valid='):
@@ -440,7 +288,7 @@ def test_unfinite_samples(bad, data_type):
 
 @pytest.mark.parametrize('kind', KINDS)
 @pytest.mark.parametrize('size', [1e160, 1e307])
-def test_squares_beyond_floating_point(kind, size):
+def test_squares_beyond_floating_point(noise, kind, size):
     with pytest.raises(DataError, match='too large'):
         allan.deviation(size * noise(35, 100), 10.0, kind=kind)
 
@@ -486,7 +334,7 @@ def test_spelling_of_the_unit_is_the_house_one():
     assert allan.deviation(np.zeros(99), 10.0, unit='m/s^2').unit == 'm/s²'
 
 
-def test_the_data_are_left_alone():
+def test_the_data_are_left_alone(noise):
     data = noise(32, 500)
     kept = data.copy()
     data.flags.writeable = False
@@ -496,7 +344,7 @@ def test_the_data_are_left_alone():
     np.testing.assert_array_equal(data, kept)
 
 
-def test_single_precision_is_summed_in_double():
+def test_single_precision_is_summed_in_double(noise):
     data = (9.81 + 1e-2 * noise(33, 5000)).astype(np.float32)
     single = allan.deviation(data, 10.0)
     double = allan.deviation(data.astype(np.float64), 10.0)

@@ -5,12 +5,15 @@ import math
 
 from imu_bench.errors import DataError
 from imu_bench.metrology import allan, coefficients, whittle
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.fitting.noise_model import NoiseModel
 from imu_bench.metrology.markov.gauss_markov import Process
 import numpy as np
 import pytest
-from scipy import fft
+from scipy import fft, stats
 
 RATE_HZ = 100.0
+UNSEEN = Estimate.not_observable('1', 'not asked for')
 
 
 def white(n, rng, density=2e-3):
@@ -112,6 +115,46 @@ def test_disagreement_is_symmetric_and_names_both_sides():
     assert len(whittle.disagreements(one, other)) == len(whittle.disagreements(other, one)) == 1
     text = whittle.disagreements(one, other)[0]
     assert text.startswith('N from the Whittle likelihood') and 'to 0.00' in text
+
+
+def with_n(n):
+    return NoiseModel('1', **{t: n if t == 'N' else UNSEEN for t in 'QNBKR'}, method='a test')
+
+
+def test_the_level_of_a_contradiction_counts_both_intervals():
+    exact = with_n(Estimate(1.0, 0.999, 1.001, '1'))
+    # 2.5 standard deviations: a chance of 1 %, which six axes have one time in twenty
+    rough = Estimate(1.128, 1.03, 1.24, '1')
+    assert whittle.disagreements(exact, with_n(rough)) == ()
+    assert whittle.disagreements(exact, with_n(rough), false_alarm=0.05)
+    assert whittle.disagreements(exact, with_n(rough.scaled(1.05, '1')))
+
+
+def test_at_most_one_record_of_six_axes_in_a_hundred_is_contradicted():
+    """An estimate with an interval of 2 % against one of a thirtieth of the data, both right."""
+    rng = np.random.default_rng(15)
+    flagged = 0
+    quantiles = stats.chi2.ppf([0.975, 0.025], 250) / 250
+    for _ in range(1000):
+        squares = rng.chisquare(250, 6) / 250
+        exact = rng.normal(1.0, 0.005, 6)
+        flagged += any(
+            whittle.disagreements(
+                with_n(Estimate(a, a - 0.0098, a + 0.0098, '1')),
+                with_n(Estimate(*np.sqrt(b / np.array([1.0, *quantiles])), '1')),
+            )
+            for a, b in zip(exact, squares, strict=True)
+        )
+    assert flagged <= 15  # of 10 allowed; 169 had intervals that do not overlap
+
+
+def test_a_value_contradicts_a_bound_that_it_is_clearly_above():
+    bound = with_n(Estimate.not_observable('1', 'hidden', high=1.0))
+    for low, told in ((1.05, False), (1.4, True)):
+        value = with_n(Estimate(1.5, low, 1.5**2 / low, '1'))
+        assert bool(whittle.disagreements(bound, value)) is told
+        assert bool(whittle.disagreements(value, bound)) is told
+    assert whittle.disagreements(bound, bound) == ()
 
 
 @pytest.mark.parametrize(

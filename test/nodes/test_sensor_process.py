@@ -59,11 +59,20 @@ def test_an_argument_that_is_not_ros_is_wrong_usage(start):
     assert "unknown argument 'mpu9250.yaml'" in output
 
 
-def test_malformed_ros_arguments_are_an_error(start):
-    code, output = start(SENSOR, '--ros-args', '--params-file', 'not_there.yaml').finish()
+@pytest.mark.parametrize(
+    ('content', 'says'),
+    [(None, 'is the path right?'), ('a:\n\tb: 1\n', 'spaces instead of tabs')],
+)
+def test_malformed_ros_arguments_are_one_line(start, tmp_path, content, says):
+    path = tmp_path / 'mine.yaml'
+    if content is not None:
+        path.write_text(content, encoding='utf-8')
+    code, output = start(SENSOR, '--ros-args', '--params-file', str(path)).finish()
     assert code == 1
-    assert 'not_there.yaml' in output
-    assert 'Traceback' not in output
+    assert output.count('\n') == 1
+    assert f"'--params-file {path}'" in output
+    assert says in output
+    assert '.c:' not in output
 
 
 def test_without_ros_it_says_how_to_install_it(start, tmp_path):

@@ -141,8 +141,9 @@ def test_the_json_document_is_strict(sensor):
 
 def test_words(sensor):
     across = compare_runs(runs([sensor(1)], [sensor(2, scale=3.0)]))
-    first, second = across_text.summary(across)
+    first, chance, second = across_text.summary(across)
     assert first.startswith('31 numbers compared: ')
+    assert chance == 'Chance alone calls about 1 of these higher or lower.'
     assert 'times as large in run1' in second
     row = across_text.row(line_of(across, 'linear_acceleration.z', 'noise_density'))
     assert row.parameter == 'noise density'
@@ -152,6 +153,17 @@ def test_words(sensor):
     assert bias.change == bias.difference
     small = compare_runs(runs([sensor(1)], [sensor(1)]))
     assert across_text.summary(small)[0].count('same')
+
+
+@pytest.mark.parametrize(
+    ('hertz', 'shown'), [(100.0 + 1e-12, '0 ppm'), (100.001, '+10 ppm'), (99.9999, '-1 ppm')]
+)
+def test_the_difference_of_clocks_has_no_more_digits_than_stamps(sensor, hertz, shown):
+    line = line_of(compare_runs(runs([sensor(1)], [sensor(1)])), '', 'rate')
+    reference = Estimate(100.0, 99.9, 100.1, 'Hz')
+    difference = Estimate(hertz - 100.0, hertz - 100.2, hertz - 99.8, 'Hz')
+    row = across_text.row(replace(line, reference=reference, difference=difference))
+    assert row.difference.replace('.00', '').replace('.0', '') == shown
 
 
 def test_a_value_without_noise_is_compared(sensor):

@@ -107,8 +107,11 @@ def test_start_and_end(recording_of, noise):
     recording = recording_of(noise(n=5000))
     assert len(cut(recording, Settings(start_s=10.0, end_s=20.0)).samples) == 1001
     assert len(cut(recording, Settings(start_s=49.0)).samples) == 100
-    with pytest.raises(RecordingError, match='no sample between'):
+    says = 'no sample from 60 s on, counted from the first one; the last one is at 49.99 s$'
+    with pytest.raises(RecordingError, match=says):
         cut(recording, Settings(start_s=60.0))
+    with pytest.raises(RecordingError, match='no sample between 60 and 70 s, '):
+        cut(recording, Settings(start_s=60.0, end_s=70.0))
 
 
 @pytest.mark.parametrize(

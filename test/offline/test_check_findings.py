@@ -29,6 +29,20 @@ def test_a_change_is_a_warning_that_names_the_axis(recording_of, noise):
     assert result.health.severity == 'warning'
 
 
+def test_what_follows_from_a_coarse_resolution_is_not_said_again(recording_of, noise):
+    samples = louder_at_the_end(noise(6))
+    step = 0.2
+    coarse = replace(samples, acceleration=np.round(samples.acceleration / step) * step)
+    result = analyse(recording_of(coarse))
+    axes = list(result.axes.values())
+    names = {f'linear_acceleration.{letter}' for letter in 'xyz'}
+    said = [f.code for f in axis_findings(axes, moved=False)]
+    codes = [f.code for f in result.health.findings]
+    assert 'unsteady_noise' in said and 'resolution' in codes
+    assert not {'unsteady_noise', 'methods_disagree'} & set(codes)
+    assert result.health.coarse <= names
+
+
 def test_many_axes_are_not_all_named(recording_of, noise):
     samples = noise(7)
     ramp = np.linspace(0.5, 2.0, len(samples))[:, None]

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gauss-Markov models are found where they are, and a filter with the right one is content."""
 
+from dataclasses import replace
+
 from imu_bench.metrology import allan
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.fitting.noise_model import gauss_markov_variance
+from imu_bench.metrology.fitting.noise_model import gauss_markov_variance, GaussMarkov
 from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.metrology.noise_fit import fitted
 from imu_bench.offline import drift
@@ -97,6 +99,17 @@ def test_bias_instability_becomes_the_process_that_touches_its_floor():
     assert deviation == pytest.approx(0.664e-3, rel=2e-3)
     assert model.q_c.value == pytest.approx(process.q_c)
     assert model.sigma.low == pytest.approx(0.9 * model.sigma.value)
+
+
+def test_the_filter_of_the_sensor_is_not_what_is_tracked():
+    """A fit that took its one process for a low-pass leaves the bias to the autocorrelation."""
+    x = wandering(2)
+    curve = allan.deviation(x, RATE_HZ, unit='m/s²')
+    fast = GaussMarkov(Estimate(0.2, 0.19, 0.21, 'm/s³/√Hz'), Estimate(0.003, 0.002, 0.004, 's'))
+    model = replace(fitted(curve, 0.95), gauss_markov=fast)
+    found = drift.measure(model, curve, averages(x, RATE_HZ, 4), 0.95)
+    assert found.models['allan_fit'].T_c.value == 0.003
+    assert found.tracking.source == 'autocorrelation'
 
 
 def test_json_gives_it_back(found):

@@ -25,7 +25,6 @@ from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.offline.analyse import analyse
 from imu_bench.offline.exports import FORMATS, render
-from imu_bench.offline.exports.numbers import Numbers
 from imu_bench.offline.health.finding import Finding
 from imu_bench.offline.results import Analysis
 from imu_bench.samples import ANGULAR_VELOCITY, LINEAR_ACCELERATION, Samples
@@ -372,30 +371,3 @@ class TestChoice:
         health = replace(result.health, findings=(moved,))
         text = render(Analysis((replace(result, health=health),)), 'kalibr')
         assert 'WARNING: the recording is not to be trusted: motion' in text
-
-
-def test_an_axis_that_was_not_recorded_takes_the_largest(result):
-    axes = {name: axis for name, axis in result.axes.items() if name != 'angular_velocity.y'}
-    numbers = Numbers(replace(result, axes=axes))
-    x, y, z = numbers.per_axis(ANGULAR_VELOCITY, 'N')
-    assert y.value == max(x.value, z.value)
-    assert 'not recorded' in y.note
-
-
-def test_a_sensor_that_blocks_slow_signals_has_the_density_of_its_plateau(result):
-    bound = Estimate.not_observable('m/s²/√Hz', 'no white noise', high=1e-6)
-    plateau = Estimate(3e-3, 2.9e-3, 3.1e-3, 'm/s²/√Hz')
-    axes = {
-        name: replace(
-            axis,
-            noise_density=bound.scaled(math.sqrt(2.0), bound.unit),
-            noise_density_methods={'plateau': plateau},
-            model=replace(axis.model, N=bound),
-        )
-        for name, axis in result.axes.items()
-        if axis.quantity == 'linear_acceleration'
-    }
-    numbers = Numbers(replace(result, axes=axes))
-    white = numbers.white_noise(LINEAR_ACCELERATION)
-    assert white.value == pytest.approx(3e-3 / math.sqrt(2.0))
-    assert 'plateau of the spectrum' in white.note

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The JSON document: fixed names, estimates everywhere, and nothing lost on the way back."""
 
+from dataclasses import replace
 import json
 
 from imu_bench.errors import RecordingError
@@ -82,6 +83,26 @@ def test_a_document_of_an_older_version_is_read(analysis):
     assert axis.model.N.observable
     assert axis.checks.second is None
     assert axis.outliers is None
+
+
+def test_the_histogram_of_the_jitter_is_in_the_document(recording_of, noise):
+    samples = noise(n=5_000)
+    late = np.random.default_rng(8).normal(0.0, 2e5, 5_000).astype(np.int64)
+    found = analyse(recording_of(replace(samples, stamps=samples.stamps + late)))
+    document = json.loads(json.dumps(found.to_json()))
+    jitter = document['health']['jitter_histogram']
+    assert jitter['unit'] == 's'
+    assert len(jitter['edges']) == len(jitter['counts']) + 1
+    assert sum(jitter['counts']) + jitter['below'] + jitter['above'] == 4_999
+    middle = 0.5 * np.add(jitter['edges'][:-1], jitter['edges'][1:])
+    spread = np.sqrt(np.average((middle - 0.01) ** 2, weights=jitter['counts']))
+    assert spread == pytest.approx(document['health']['jitter']['value'], rel=0.05)
+    again = results.RecordingResult.from_json(document)
+    assert again.to_json() == found.to_json()
+    regular = analyse(recording_of(samples)).to_json()
+    assert regular['health']['jitter_histogram'] is None
+    del document['health']['jitter_histogram']  # as an older version wrote it
+    assert results.RecordingResult.from_json(document).intervals is None
 
 
 def test_round_trip(analysis, tmp_path):

@@ -38,6 +38,39 @@ def test_noise_that_comes_and_goes_is_contradicted():
     assert all(sentence[0] in 'QNBK' for sentence in found.disagreements)
 
 
+def with_gaps(x, rng, share=0.01):
+    """Return the opinion on a signal that lacks single samples here and there."""
+    valid = rng.random(x.size) > share
+    x = np.where(valid, x, 0.0)
+    curve = allan.deviation(x, RATE_HZ, valid=valid, unit='rad/s', threads=1)
+    model = coefficients.fit(curve)
+    return second_opinion.ask(model, curve, averages(x, RATE_HZ, 1, valid), 0.95)
+
+
+def test_scattered_gaps_make_no_contradiction():
+    """The spectrum sees one short piece: at most 1 % of records of six axes may be flagged."""
+    flagged = sum(
+        bool(with_gaps(rng.normal(0.0, 1e-3, 5_000), rng).disputed)
+        for rng in map(np.random.default_rng, ([13, run] for run in range(120)))
+    )
+    assert flagged <= 1
+
+
+def test_noise_that_comes_and_goes_is_contradicted_in_spite_of_gaps():
+    found = 0
+    for run in range(10):
+        rng = np.random.default_rng([14, run])
+        x = rng.normal(0.0, 1e-3, 100_000)
+        x[30_000:60_000] *= 4.0
+        valid = rng.random(x.size) > 0.005
+        valid[2_000:10_000] = True  # the piece that the spectrum sees
+        x = np.where(valid, x, 0.0)
+        curve = allan.deviation(x, RATE_HZ, valid=valid, unit='rad/s', threads=1)
+        blocks = averages(x, RATE_HZ, 1, valid)
+        found += 'N' in second_opinion.ask(coefficients.fit(curve), curve, blocks, 0.95).disputed
+    assert found == 10
+
+
 def test_a_ramp_is_no_random_walk_to_the_spectrum():
     x = np.random.default_rng(5).normal(0.0, 1e-3, 200_000) + 1e-8 * np.arange(200_000)
     model, found = ask(x)

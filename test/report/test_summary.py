@@ -8,7 +8,7 @@ from imu_bench.offline import comparison
 from imu_bench.offline.analyse import analyse
 from imu_bench.offline.recordings import Recording
 from imu_bench.offline.report import campaign_page, summary, text
-from imu_bench.offline.results import Analysis, Failure
+from imu_bench.offline.results import Analysis, Failure, RecordingResult
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
@@ -125,3 +125,54 @@ def test_the_page_of_a_campaign_says_what_is_lost_and_carries_no_library(tmp_pat
     assert '1 test; no result of Tilt.' in page
     assert '<script' not in page
     assert len(page) < 20_000
+
+
+def with_tiny_n(recording, axes):
+    """Return a recording whose fit found this white noise in what a high-pass left."""
+    tiny = Estimate(2e-7, 1.9e-7, 2.1e-7, 'rad/s/√Hz')
+    changed = {
+        name: replace(
+            axis,
+            model=replace(axis.model, N=replace(tiny)),
+            noise_density=tiny,
+            noise_density_methods=dict(axis.noise_density_methods) | {'allan': tiny},
+        )
+        for name, axis in axes.items()
+    }
+    return replace(recording, axes=changed)
+
+
+def test_a_small_n_behind_a_high_pass_does_not_win(quiet, blocking):
+    """What the Allan deviation has left there contradicts the plateau of the spectrum."""
+    found = with_tiny_n(blocking, blocking.axes)
+    for axis in found.axes.values():
+        plateau = axis.noise_density_methods['plateau']
+        assert axis.white_density is plateau
+        assert axis.to_json()['noise_density']['value'] == plateau.value
+        assert axis.coefficient('N').high is None
+        assert axis.to_json()['coefficients']['N']['value'] is None
+    again = RecordingResult.from_json(found.to_json())
+    assert again.to_json() == found.to_json()
+    standings = comparison.compare((found,)).standings['angular_velocity']
+    assert standings[0].noise_density.value > 1e-5
+    shown = text.coefficient_columns(found.of('angular_velocity'))[0].cells[0].shown
+    assert shown == text.coefficient_columns(blocking.of('angular_velocity'))[0].cells[0].shown
+    # where constants are seen a small N is just a good sensor
+    good = with_tiny_n(quiet, quiet.axes).axes['angular_velocity.x']
+    assert good.white_density is good.noise_density
+
+
+def test_a_bound_of_n_is_not_below_the_density_that_is_shown(quiet):
+    axis = quiet.axes['angular_velocity.x']
+    plateau = axis.noise_density_methods['plateau']
+    low, high = (
+        Estimate.not_observable('rad/s/√Hz', 'hidden', high=share * plateau.value)
+        for share in (0.1, 1.0)
+    )
+    none = Estimate.not_observable('rad/s/√Hz', 'hidden')
+
+    def shown(n):
+        return replace(axis, noise_density=none, model=replace(axis.model, N=n)).coefficient('N')
+
+    assert shown(high) is high
+    assert shown(low).high is None and 'plateau' in shown(low).reason

@@ -8,7 +8,6 @@ combined messages, SPI_IOC_MESSAGE with mode and clock, errno into named errors.
 
 import json
 import re
-import signal
 
 from imu_bench.drivers import load
 import pytest
@@ -62,26 +61,3 @@ def test_what_is_not_there_is_named(desk, driver, device, address, kind, text):
     found = desk.read(driver, device, address)
     assert found['kind'] == kind
     assert re.search(text, found['text']), found['text']
-
-
-@pytest.mark.ros
-@pytest.mark.parametrize(
-    ('driver', 'part'),
-    [('mpu9250', 'MPU-9250'), ('scl3300', 'SCL3300-D01'), ('bno055', 'Bosch BNO055')],
-)
-def test_the_node_runs_on_hardware(desk, driver, part):
-    device = desk.device_of(driver)
-    process = desk.start(
-        '-m', 'imu_bench.nodes.sensor_node', '--ros-args',
-        '-p', f'driver:={driver}', '-p', 'backend:=hardware', '-p', f'bus:={device}',
-    )  # fmt: skip
-    lines = []
-    for line in process.stdout:
-        lines.append(line)
-        if f'hardware {driver} {device}' in line:
-            break
-    assert part in lines[-1], ''.join(lines)
-    assert 'these are not measurements' not in ''.join(lines)
-    process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=30)
-    assert process.returncode == 0, output

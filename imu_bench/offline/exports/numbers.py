@@ -211,9 +211,8 @@ class Numbers:
 
 
 def _white(axis: AxisResult) -> Estimate:
-    """Return N, from the spectrum where the Allan deviation shows no white noise."""
-    found = axis.white_density
-    return axis.model.N if found is axis.noise_density else two_sided(found)
+    """Return N, from the spectrum where the Allan deviation does not show the white noise."""
+    return two_sided(axis.white_density) if axis.white_from_spectrum else axis.model.N
 
 
 def _walk(axis: AxisResult) -> Estimate:
@@ -231,7 +230,7 @@ def _name(axis: AxisResult, term: str) -> str:
 def _measured(axis: AxisResult, term: str) -> str:
     if term == 'K' and _walk(axis) is not axis.model.K:
         return 'q_c of a Gauss-Markov process'
-    if term == 'N' and axis.white_density is not axis.noise_density:
+    if term == 'N' and axis.white_from_spectrum:
         return 'plateau of the spectrum'
     return 'measured'
 

@@ -48,10 +48,11 @@ def _rows(recording: RecordingResult) -> Iterator[tuple[str, str, Estimate, str]
     for name, axis in recording.axes.items():
         for parameter, estimate in axis.statistics.items():
             yield name, parameter, estimate, 'discrete-time, of the samples'
-        yield name, 'noise_density', axis.noise_density, _DENSITY
+        yield name, 'noise_density', axis.white_density, _DENSITY
         for method, estimate in axis.noise_density_methods.items():
             yield name, f'noise_density.{method}', estimate, _DENSITY
-        for term, estimate in axis.model.coefficients.items():
+        for term in axis.model.coefficients:
+            estimate = axis.coefficient(term)
             yield name, term, estimate, _COEFFICIENT.get(term, '')
         yield from _checks(name, axis)
 

@@ -93,7 +93,7 @@ def spectrum(axes: Sequence[AxisResult]) -> Figure:
             markevery=few(size),
         )  # fmt: skip
         level = axis.noise_density
-        if level.value is not None:
+        if level.value is not None and not axis.white_from_spectrum:
             height = convert(level.value, level.unit, unit)
             ax.axhline(height, color=AXIS_COLOURS[axis.letter], ls='--', lw=0.9)
     logarithmic(ax, _FREQUENCY, f'amplitude density in {unit}', density_view(drawn, unit))

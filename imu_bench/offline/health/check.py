@@ -57,6 +57,8 @@ class Health:
         Which stamps were used and why.
     timing : Timing or None
         The full analysis of the stamps; None when read from JSON.
+    coarse : frozenset of str
+        Axes whose noise is below their resolution; empty when read from JSON.
     """
 
     findings: tuple[Finding, ...]
@@ -78,6 +80,7 @@ class Health:
     stamp_source: str
     stamp_reason: str
     timing: Timing | None = field(default=None, repr=False)
+    coarse: frozenset[str] = frozenset()
 
     @property
     def severity(self) -> str:
@@ -207,6 +210,7 @@ def check(
         stamp_source=recording.stamp_source,
         stamp_reason=recording.stamp_reason,
         timing=timing,
+        coarse=frozenset(name for name, fact in facts.items() if signals.is_coarse(fact)),
     )
 
 

@@ -123,14 +123,18 @@ def saturated(facts: Mapping[str, Numbers], signals: Sequence[Axis]) -> Iterator
         )
 
 
+def is_coarse(fact: Numbers) -> bool:
+    """Return whether the noise of an axis that is not constant is below its resolution."""
+    step = fact.resolution
+    return step is not None and fact.lowest != fact.highest and fact.noise < 0.5 * step
+
+
 def coarse(facts: Mapping[str, Numbers], signals: Sequence[Axis]) -> Iterator[Finding]:
     """Yield axes whose noise is smaller than their resolution."""
     found = [
-        f'{axis.name} ({number(step, 3)} {axis.unit})'
+        f'{axis.name} ({number(facts[axis.name].resolution or 0.0, 3)} {axis.unit})'
         for axis in signals
-        if (step := facts[axis.name].resolution) is not None
-        and facts[axis.name].lowest != facts[axis.name].highest
-        and facts[axis.name].noise < 0.5 * step
+        if is_coarse(facts[axis.name])
     ]
     if found:
         yield Finding(

@@ -9,7 +9,7 @@ Table 5.3 is the slopes at which N, B and K are read; here all are fitted at onc
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import math
 from typing import NamedTuple
 
@@ -30,6 +30,7 @@ from imu_bench.samples import IMU_QUANTITIES, Quantity
 from imu_bench.units import convert
 
 _TITLES = {'linear_acceleration': 'Acceleration', 'angular_velocity': 'Angular velocity'}
+_CONSTANTS = {'linear_acceleration': 'gravity', 'angular_velocity': 'the rotation of the Earth'}
 _TERMS = {
     'N': ('random walk N (table 5.4)', 'White noise; slope −1/2 of the Allan deviation.'),
     'B': ('bias instability B (table 5.5)', 'Flicker noise; the floor is 0.664 B.'),
@@ -95,18 +96,19 @@ class Static(NoisePlan):
 
     def _tables(self, quantity: Quantity, sensors: Sequence[_Sensor]) -> Iterator[Table]:
         title = _TITLES[quantity.name]
-        yield self._stationary(title, sensors)
+        yield self._stationary(title, quantity, sensors)
         yield self._densities(title, sensors)
         for term, (words, note) in _TERMS.items():
             yield _coefficients(f'{title}: {words}', term, note, sensors)
         yield _correlation(f'{title}: drift of the bias (table 5.7)', sensors)
         yield _tracking(f'{title}: the bias followed by a Kalman filter (table 5.8)', sensors)
 
-    def _stationary(self, title: str, sensors: Sequence[_Sensor]) -> Table:
+    def _stationary(self, title: str, quantity: Quantity, sensors: Sequence[_Sensor]) -> Table:
+        base = self.reference or sensors[0].label
         reference = {
             axis.letter: axis.statistics['std']
             for sensor in sensors
-            if sensor.label == (self.reference or sensors[0].label)
+            if sensor.label == base
             for axis in sensor.axes
         }
         axes = [axis for sensor in sensors for axis in sensor.axes]
@@ -115,23 +117,23 @@ class Static(NoisePlan):
         for sensor in sensors:
             for axis in sensor.axes:
                 known = axis.statistics
-                base = reference.get(axis.letter)
                 rows.append(
                     (
                         f'{sensor.label} {axis.letter}',
                         *(known.get(n) for n in ('minimum', 'maximum', 'peak_to_peak', 'std')),
                         known.get('mean'),
-                        None if base is None else ratio(known['std'], base),
+                        *_ratios(axis, reference),
                     )
                 )
         head = ('minimum', 'maximum', 'peak to peak', 'σ', 'bias')
         columns = (
-            Column('sensor, axis'), *(Column(name, unit) for name in head), Column('ratio of σ'),
+            Column('sensor, axis'), *(Column(name, unit) for name in head),
+            *([Column('ratio of σ')] if reference else []),
         )  # fmt: skip
-        note = (
-            'Bias is the mean and holds gravity. Ratio against '
-            f'{self.reference or sensors[0].label}, axis by axis.'
-        )
+        note = f'Bias is the mean and holds {_CONSTANTS[quantity.name]}; so do the extremes.'
+        if reference:
+            seen = ', '.join(reference)
+            note += f' Ratio against {base}, which has {seen}.'
         return Table(f'{title}: stationary data (table 5.1)', columns, tuple(rows), note)
 
     def _densities(self, title: str, sensors: Sequence[_Sensor]) -> Table:
@@ -166,13 +168,28 @@ class Static(NoisePlan):
             Column('white noise', density), Column('rate, Hz'), Column('bandwidth', 'Hz'),
             Column('datasheet noise', level),
         )  # fmt: skip
+        flat = [
+            f'{sensor.label} {axis.letter}'
+            for sensor in sensors
+            for axis in sensor.axes
+            if axis.white_from_spectrum
+        ]
+        other = f'; of {", ".join(flat)} the plateau of the spectrum' if flat else ''
         note = (
             'σ/√bandwidth is equation 5.1 of the thesis: it counts drift as noise, and is right '
             'only where the bandwidth is the true one. White noise is one-sided, √2 N of the '
-            'fitted Allan deviation. Bandwidth is that of the datasheet, at most half the rate. '
-            'Datasheet noise is its density times √bandwidth.'
+            f'fitted Allan deviation{other}. Bandwidth is that of the datasheet, at most half the '
+            'rate. Datasheet noise is its density times √bandwidth.'
         )
         return Table(f'{title}: noise density (table 5.2)', columns, tuple(rows), note)
+
+
+def _ratios(axis: AxisResult, reference: Mapping[str, Estimate]) -> tuple[Cell, ...]:
+    """Return the cell of the ratio of σ; none where the reference has nothing to compare."""
+    if not reference:
+        return ()
+    base = reference.get(axis.letter)
+    return (None if base is None else ratio(axis.statistics['std'], base),)
 
 
 def _total(density: float | None, bandwidth: float | None, unit: str, shown: str) -> float | None:
@@ -195,6 +212,9 @@ def _coefficients(title: str, term: str, note: str, sensors: Sequence[_Sensor]) 
     found = {s.label: {a.letter: a.coefficient(term) for a in s.axes} for s in sensors}
     unit = _unit(term, [e for axes in found.values() for e in axes.values()])
     rows = tuple((label, *(axes.get(letter) for letter in 'xyz')) for label, axes in found.items())
+    blind = [s.label for s in sensors if not any(axis.shows_constants for axis in s.axes)]
+    if blind:
+        note += f' Not defined for {", ".join(blind)}: no constant signal is seen there.'
     return Table(title, (Column('sensor'), *(Column(x, unit) for x in 'xyz')), rows, note)
 
 
@@ -209,7 +229,10 @@ def _correlation(title: str, sensors: Sequence[_Sensor]) -> Table:
             name = next((n for n in _DRIFTS if n in slow), '')
             cells: tuple[Cell, ...] = (None, None, 'no drift seen')
             if name:
-                cells = (models[name].T_c, models[name].sigma, name.replace('_', ' '))
+                time = models[name].T_c
+                # without an interval it was not measured, and has no five digits
+                shown = short(time, 2) if time.low is None else time
+                cells = (shown, models[name].sigma, name.replace('_', ' '))
             rows.append((f'{sensor.label} {axis.letter}', *cells))
     sigmas = [row[2] for row in rows if isinstance(row[2], Estimate)]
     unit = _unit('level', sigmas) if sigmas else ''
@@ -218,7 +241,8 @@ def _correlation(title: str, sensors: Sequence[_Sensor]) -> Table:
     )  # fmt: skip
     note = (
         'First-order Gauss-Markov process: the autocorrelation falls to σ²/e after T_c. '
-        'A memory of ten samples or less is that of a filter, and left out.'
+        'A memory of ten samples or less is that of a filter, and left out. Found by bias '
+        'instability is a stand-in: the process that touches the floor of B in its middle.'
     )
     return Table(title, columns, tuple(rows), note)
 

@@ -16,7 +16,7 @@ from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.comparison import labels
 from imu_bench.offline.health import Finding
-from imu_bench.offline.notation import text
+from imu_bench.offline.notation import short, text
 from imu_bench.offline.plans.plan import Plan
 from imu_bench.offline.plans.result import PlanResult
 from imu_bench.offline.plans.vibrations import figures, measuring, tables
@@ -88,7 +88,8 @@ def _summary(found: Found) -> Iterator[str]:
         label, ride = next((r for r in rides if r[0] == found.reference), rides[0])
         yield (
             f'A ride of {text(ride.travel)} at up to {text(ride.peak_velocity)} and '
-            f'{text(ride.peak_acceleration)} ({label}).'
+            f'{text(ride.smooth_acceleration)} ({label}); with its vibration a single reading '
+            f'reaches {short(ride.peak_acceleration)} m/s².'
         )
     label = found.reference or max(
         found.sensors, key=lambda name: found.sensors[name].strongest.band.rms.value or 0.0

@@ -7,8 +7,8 @@ Reading recordings: bags of ROS 1 and ROS 2, CSV and text, arrays of NumPy and M
 ('/imu/data',)
 """
 
-from imu_bench.offline.recordings.continuation import grouped
 from imu_bench.offline.recordings.discovery import find_recordings
+from imu_bench.offline.recordings.joining import grouped
 from imu_bench.offline.recordings.loading import load, load_all, read_chunks, Recording
 from imu_bench.offline.recordings.opening import open_source
 from imu_bench.offline.recordings.options import ReadOptions

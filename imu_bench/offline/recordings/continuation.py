@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Text logs in several files: which continue which."""
+"""Text logs in several files: which file continues another."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings import cells
 from imu_bench.offline.recordings.discovery import is_text_name
 from imu_bench.offline.recordings.layout import detect, Layout
-from imu_bench.offline.recordings.options import ReadOptions
 import numpy as np
 import numpy.typing as npt
 
@@ -38,12 +37,12 @@ def siblings(path: Path, known: Sequence[str]) -> list[Path]:
     Those that come before it are left out, as is the file itself.
     """
     home = str(path.resolve().parent)
-    shape, own = _key(path)
+    shape, own = name_key(path)
     beside = (Path(file) for file in known if os.path.dirname(file) == home)
     found = [
         (key, path.parent / file.name)
         for file in beside
-        if is_text_name(file) and (parts := _key(file))[0] == shape and (key := parts[1]) > own
+        if is_text_name(file) and (parts := name_key(file))[0] == shape and (key := parts[1]) > own
     ]
     return [file for _, file in sorted(found)]
 
@@ -84,37 +83,7 @@ def following(
         end = times
 
 
-def grouped(paths: Sequence[Path], options: ReadOptions) -> tuple[list[Path], ReadOptions]:
-    """
-    Return recordings without the text files that continue others among them.
-
-    With the options returned, a file is read together with those that continue it.
-    """
-    alike: dict[tuple[Path, str], list[Path]] = {}
-    for path in paths:
-        if is_text_name(path) and path.is_file():
-            alike.setdefault((path.resolve().parent, _key(path)[0]), []).append(path)
-    continued: set[Path] = set()
-    for group in alike.values():
-        joining = replace(options, join=tuple(str(path.resolve()) for path in group))
-        for path in sorted(group, key=_key) if len(group) > 1 else ():
-            if path.resolve() not in continued:
-                continued |= _continuing(path, joining)
-    kept = [path for path in paths if path.resolve() not in continued]
-    return kept, replace(options, join=tuple(sorted(map(str, continued))))
-
-
-def _continuing(path: Path, joining: ReadOptions) -> set[Path]:
-    from imu_bench.offline.recordings.text import parts_of  # which needs this module
-
-    try:
-        parts, _, _ = parts_of(path, joining)
-    except (RecordingError, OSError):
-        return set()  # told when it is read
-    return {part.path.resolve() for part in parts[1:]}
-
-
-def _key(path: Path) -> tuple[str, list[int]]:
+def name_key(path: Path) -> tuple[str, list[int]]:
     """Return what names of one recording have in common, and their numbers."""
     numbers = [int(number) for number in _NUMBER.findall(path.stem)]
     return _NUMBER.sub('', path.stem) + path.suffix, numbers

@@ -9,6 +9,7 @@ from pathlib import Path
 from imu_bench.bags import bag, metadata
 from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings.layout import detect_in, SAMPLE
+from imu_bench.offline.whole_files import UNFINISHED
 
 STAMPS_FILE = 'stamps.npy'
 """A folder that has it is a recording, as `imu-bench simulate --storage npy` writes it."""
@@ -64,7 +65,8 @@ def _search(folder: Path) -> Iterator[Path]:
             yield from storages
     yield from (file for file in files if _is_loose_recording(file))
     for entry in sorted(entry for entry in folder.iterdir() if entry.is_dir()):
-        if not entry.is_symlink():  # which may lead in circles
+        # a link may lead in circles
+        if not entry.is_symlink() and not entry.name.startswith(UNFINISHED):
             yield from _search(entry)
 
 

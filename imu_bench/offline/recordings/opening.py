@@ -53,7 +53,7 @@ def _open(path: Path, options: ReadOptions) -> Source:
     if path.is_dir() or bag.kind(path):
         from imu_bench.offline.recordings import bags
 
-        return bags.open_ros2(path)
+        return _without(options, bags.open_ros2(path))
     with path.open('rb') as file:
         start = file.read(max(len(ros1.ANY_VERSION), MAGIC_SIZE))
     if not start:
@@ -61,7 +61,7 @@ def _open(path: Path, options: ReadOptions) -> Source:
     if start.startswith(ros1.ANY_VERSION):
         from imu_bench.offline.recordings import bags
 
-        return bags.open_ros1(path)
+        return _without(options, bags.open_ros1(path))
     if kind(path, start):
         from imu_bench.offline.recordings import arrays
 
@@ -69,6 +69,18 @@ def _open(path: Path, options: ReadOptions) -> Source:
     from imu_bench.offline.recordings import text
 
     return text.open_text(path, options)
+
+
+def _without(options: ReadOptions, source: Source) -> Source:
+    """Say on a bag which options are not used: its messages say all that themselves."""
+    given = ('--rate', options.rate_hz), ('--columns', options.columns), ('--units', options.units)
+    unused = [name for name, value in given if value is not None]
+    if unused:
+        verb = 'is' if len(unused) == 1 else 'are'
+        source.problems.append(
+            f'{" and ".join(unused)} {verb} not used: a bag has stamps, names and SI units'
+        )
+    return source
 
 
 def _inside(folder: Path) -> str:

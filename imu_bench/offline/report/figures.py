@@ -315,7 +315,7 @@ def _density(
 def _white_level(chart: Chart, axis: AxisResult, unit: str) -> None:
     """Draw the noise density that the table gives, over the whole band."""
     level = axis.noise_density
-    if level.value is None or axis.psd is None:
+    if level.value is None or axis.psd is None or axis.white_from_spectrum:
         return
     height = convert(level.value, level.unit, unit)
     source = columns(x=axis.psd.frequency[[0, -1]], y=np.full(2, height))

@@ -150,11 +150,8 @@ def cell(estimate: Estimate, unit: str) -> Cell:
 def coefficient_columns(axes: Sequence[AxisResult]) -> list[Column]:
     """Return the noise table of one quantity: density and coefficients."""
     columns = [
-        column(
-            'Noise density', 'density',
-            [axis.noise_density if axis.shows_constants else axis.white_density for axis in axes],
-        )
-    ]  # fmt: skip
+        column('Noise density', 'density', [axis.white_density for axis in axes]),
+    ]
     for term in 'NBKQR':
         estimates = [axis.coefficient(term) for axis in axes]
         if term in 'NBK' or any(e.observable for e in estimates):

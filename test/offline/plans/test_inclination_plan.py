@@ -3,6 +3,7 @@
 
 from imu_bench.errors import ConfigError, RecordingError
 from imu_bench.offline.plans.inclination import Inclination
+from imu_bench.offline.plans.shown import cells
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
@@ -40,6 +41,20 @@ def test_the_raised_axis_and_the_steps_are_found(tilted):
         [0.0, 1.0, 2.0, 1.0, 0.0], abs=0.005
     )
     assert sensor['errors']['mean']['low'] < 0.0005
+
+
+def test_variances_share_one_notation(tilted):
+    result = run(
+        [tilted(), tilted(topic='/bench/other/imu/data_raw')],
+        {'angles': '0,1,2.002,1,0', 'axis': 'x'},
+    )
+    errors = next(t for t in result.tables if t.title.startswith('Errors'))
+    at = [column.title for column in errors.columns].index('variance')
+    assert errors.columns[at].unit == '10⁻⁹ °²'
+    shown = [row[at].text for row in cells(errors)]
+    assert len(shown) == 2 and not any('×' in text for text in shown)
+    *_, found = [sensor['errors']['variance'] for sensor in result.values.values()]
+    assert errors.rows[1][at] == pytest.approx(1e9 * found * np.degrees(1.0) ** 2)
 
 
 def test_given_times_need_no_detection(tilted):

@@ -132,6 +132,13 @@ def test_every_table_of_the_document_and_its_figures(campaign):
     assert len(campaign.values['runs']) == 12
 
 
+def test_bars_of_a_gyroscope_that_are_alike_are_explained(campaign):
+    notes = {t.title: t.note for t in campaign.tables if 'rejection ratio' in t.title}
+    [gyroscope] = [note for title, note in notes.items() if title.startswith('Gyroscope')]
+    assert 'A shaker turns nothing' in gyroscope
+    assert all('turns' not in n for title, n in notes.items() if not title.startswith('Gyro'))
+
+
 def test_a_shifted_sensor_is_not_compatible(simulated):
     path = simulated('sc1_x_1', seed=1)
     plan = SineOnRandom({'coverage': '0.1'})

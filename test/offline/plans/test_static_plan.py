@@ -6,6 +6,7 @@ from dataclasses import replace
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.analyse import analyse
+from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.gauss_markov_result import Drift, DriftModel
 from imu_bench.offline.plans.static import Static
 import pytest
@@ -54,6 +55,8 @@ def test_a_memory_of_a_few_samples_is_no_drift(measured, samples, shown):
         Static().conclude([replace(result, axes={**result.axes, name: axis})]), '5.7'
     ).rows
     assert rows[0][-1] == shown
+    if samples > 10.0:
+        assert rows[0][1] == '3.0'  # no interval, no digits
 
 
 def test_an_unknown_reference_is_refused(measured):
@@ -75,3 +78,37 @@ def test_the_quietest_is_named(measured):
     first = Static().conclude(measured).summary[0]
     assert first.startswith('Acceleration: mpu9250')
     assert 'lsm9ds1' in first
+
+
+def test_a_reference_without_a_gyroscope_has_no_ratio_there(measured):
+    """As a piezoelectric accelerometer of one axis."""
+    first, second = measured
+    name = 'linear_acceleration.z'
+    piezo = replace(first, axes={name: first.axes[name]})
+    result = Static(reference='mpu9250').conclude([piezo, second])
+    found = table(result, '5.1')
+    assert found.columns[-1].title == 'ratio of σ'
+    assert 'against mpu9250, which has z.' in found.note and 'gravity' in found.note
+    [turning] = [t for t in result.tables if '5.1' in t.title and t.title.startswith('Angular')]
+    assert turning.columns[-1].title == 'bias'
+    assert 'Ratio' not in turning.note and 'gravity' not in turning.note
+
+
+def test_why_a_sensor_has_no_coefficients_is_said(measured, monkeypatch):
+    said = 'no constant signal is seen there'
+    assert said not in table(Static().conclude(measured), '5.4').note
+    monkeypatch.setattr(AxisResult, 'shows_constants', False)
+    found = table(Static().conclude(measured), '5.4')
+    assert 'Not defined for mpu9250, lsm9ds1' in found.note and said in found.note
+    assert all(cell.value is None and cell.high is None for row in found.rows for cell in row[1:])
+
+
+def test_a_density_from_the_spectrum_is_said(measured):
+    first, second = measured
+    name = 'linear_acceleration.z'
+    axis = first.axes[name]
+    none = Estimate.not_observable(axis.noise_density.unit, 'hidden')
+    result = replace(first, axes={**first.axes, name: replace(axis, noise_density=none)})
+    note = table(Static().conclude([result, second]), '5.2').note
+    assert 'of mpu9250 z the plateau of the spectrum' in note
+    assert 'plateau' not in table(Static().conclude(measured), '5.2').note

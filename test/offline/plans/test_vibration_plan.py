@@ -71,7 +71,7 @@ def test_a_real_lift_as_published(shared_data):
     path = shared_data / 'elevator_phone' / 'data' / 'skyscrapper_up.csv'
     result = plan.conclude([measured(plan, path, options)])
     [row] = table(result, 'Ride')
-    assert row['highest acceleration'].value == pytest.approx(0.93, abs=0.01)
+    assert row['highest reading'].value == pytest.approx(0.93, abs=0.01)
     assert row['highest speed'].value == pytest.approx(4.01, abs=0.03)
     assert row['way'].value == pytest.approx(74.30, abs=0.5)
     for name, published in (('highest speed', 4.01), ('way', 74.30)):
@@ -86,7 +86,11 @@ def test_a_simulated_ride_as_put_in(ride):
     for name in ('mti300', 'mpu9250', 'bno055'):
         assert rows[name]['way'].value == pytest.approx(7.0, rel=0.035)
         assert rows[name]['highest speed'].value == pytest.approx(1.0, rel=0.035)
-        assert rows[name]['smooth'].value == pytest.approx(0.8, rel=0.05)
+        assert rows[name]['acceleration'].value == pytest.approx(0.8, rel=0.05)
+    said = ride.summary[0]
+    assert 'at up to 1.0' in said and '±' in said.partition(' and ')[2].partition('(')[0]
+    assert 'and 0.80' in said
+    assert 'a single reading reaches 0.9' in said
     assert rows['mti300']['way'].low <= 7.0 <= rows['mti300']['way'].high
     assert 'm/s² of gravity: what is as slow as a ride' in rows['mtn1100']['remark']
     assert ride.summary[0].startswith('A ride of 7.0')

@@ -28,7 +28,11 @@ _NOTES = {
     ),
 }
 _ZERO = 'RMS about the mean of the zone before, which holds bias and gravity.'
-_GYROSCOPE = 'RMS of the gyroscope in °/s, of the accelerometer in g; other units, other numbers.'
+_GYROSCOPE = (
+    'RMS of the gyroscope in °/s, of the accelerometer in g; other units, other numbers. A shaker '
+    'turns nothing: a gyroscope that shows only its own noise has the same RR on all axes, that '
+    'noise against the level of the shaker.'
+)
 
 
 def tables(campaign: Campaign) -> Iterator[Table]:

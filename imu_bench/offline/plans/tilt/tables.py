@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import math
 
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.offline.notation import number
+from imu_bench.offline.notation import number, power_of_ten
 from imu_bench.offline.plans.result import Cell, Column, PlanFigure, Series, Table
 from imu_bench.offline.plans.tilt.judged import DEGREE, Judged
 from imu_bench.offline.plans.tilt.measured import AVERAGING_S
@@ -42,8 +43,9 @@ def tables(sensors: Sequence[Judged], probability: float) -> Iterator[Table]:
 
 
 def _errors(sensors: Sequence[Judged]) -> Table:
+    factor, unit = _of_variances(sensors)
     columns = (
-        Column('sensor, angle'), Column('mean error', '°'), Column('variance, °²'),
+        Column('sensor, angle'), Column('mean error', '°'), Column('variance', unit),
         Column('3σ of the errors', '°'), Column('largest error', '°'), Column('offset', '°'),
         Column('scale error', '%'), Column('linearity', '°'),
     )  # fmt: skip
@@ -55,7 +57,7 @@ def _errors(sensors: Sequence[Judged]) -> Table:
                 (
                     f'{sensor.name} {sensor.tilted.axis}',
                     known.mean,
-                    number(known.variance * DEGREE**2, 5),
+                    known.variance * DEGREE**2 * factor,
                     known.three_sigma,
                     known.largest * DEGREE,
                     line and line.offset,
@@ -64,6 +66,14 @@ def _errors(sensors: Sequence[Judged]) -> Table:
                 )
             )
     return Table('Errors of the angle (appendix 6)', columns, tuple(rows), _ERRORS_NOTE)
+
+
+def _of_variances(sensors: Sequence[Judged]) -> tuple[float, str]:
+    """Return factor and unit by which the smallest variance has digits before the point."""
+    sizes = [s.statistics.variance * DEGREE**2 for s in sensors if s.statistics is not None]
+    smallest = min((size for size in sizes if size > 0.0), default=1.0)
+    power = min(3 * math.floor(math.log10(smallest) / 3.0), 0)
+    return 10.0**-power, f'{power_of_ten(power)} °²' if power else '°²'
 
 
 def _steps(sensor: Judged) -> Table:

@@ -137,18 +137,19 @@ def _rides(found: Found) -> Table:
             continue
         rows.append(
             (
-                label, ride.peak_acceleration, ride.smooth_acceleration, ride.peak_velocity,
+                label, ride.smooth_acceleration, ride.peak_acceleration, ride.peak_velocity,
                 ride.travel, float(ride.time[-1]), ride.closing, '',
             )
         )  # fmt: skip
     columns = (
-        Column('sensor'), Column('highest acceleration', 'm/s²'), Column('smooth', 'm/s²'),
+        Column('sensor'), Column('acceleration', 'm/s²'), Column('highest reading', 'm/s²'),
         Column('highest speed', 'm/s'), Column('way', 'm'), Column('time', 's'),
         Column('speed taken out', 'm/s'), Column('remark'),
     )  # fmt: skip
     note = (
-        'Along gravity, from standstill to standstill. Highest acceleration is a single reading, '
-        'smooth is averaged over 0.25 s. Speed taken out is what the integral would have ended '
+        'Along gravity, from standstill to standstill. Acceleration is the largest mean over '
+        '0.25 s, which is what the cabin did; the highest reading is a single one, vibration '
+        'included, and has no interval. Speed taken out is what the integral would have ended '
         'with, had the bias been that of the rest on either side; the intervals of speed and way '
         'count it. An error of the scale of the sensor is not in them.'
     )
