@@ -25,16 +25,20 @@ def pytest_configure(config):
     os.environ['ROS_DOMAIN_ID'] = str(1 + (os.getppid() * 7 + int(worker)) % 100)
 
 
-@pytest.hookimpl(tryfirst=True)  # xdist reads the marks in its own
-def pytest_collection_modifyitems(config, items):
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
     """Keep the tests of a file on one worker, which shares what they set up."""
-    if config.pluginmanager.hasplugin('xdist'):
-        for item in items:
-            if item.path.name not in SPREAD:
-                # two demos at once are more than four cores can do
-                alone = 'demo' in item.path.parts
-                group = 'demo' if alone else str(item.path.relative_to(ROOT))
-                item.add_marker(pytest.mark.xdist_group(group))
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFile(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            path = Path(nodeid.partition('::')[0])
+            if path.name in SPREAD:
+                return nodeid
+            # two demos at once are more than four cores can do
+            return 'demo' if path.parent.name == 'demo' else str(path)
+
+    return ByFile(config, log)
 
 
 @pytest.fixture(scope='session')
