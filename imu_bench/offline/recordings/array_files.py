@@ -128,7 +128,8 @@ def matlab(path: Path, folder: Path) -> Arrays:
     Raises
     ------
     RecordingError
-        If the file is damaged, of version 7.3, or a variable takes more than `MATLAB_BYTES`.
+        If the file is damaged, of version 7.3, or a variable may take more than `MATLAB_BYTES`;
+        of numbers in a struct only the bytes stored are known, an eighth of that at least.
     """
     from scipy.io import loadmat  # only this format needs it
 
@@ -138,7 +139,7 @@ def matlab(path: Path, folder: Path) -> Arrays:
         for key, size in _variables(path).items():
             if size > MATLAB_BYTES:
                 raise RecordingError(
-                    f'{path}: variable {key} takes {size >> 20} MiB, and those of MATLAB are read '
+                    f'{path}: variable {key} may take {size >> 20} MiB, and those of MATLAB are read '
                     f'in one piece up to {MATLAB_BYTES >> 20}: save its columns as variables of '
                     'their own, or the recording as CSV or .npy'
                 )
@@ -166,9 +167,10 @@ def _variables(path: Path) -> dict[str, int]:
     described = whosmat(str(path))
     if len(stored) != len(described):  # of version 4, or damaged: whatever is not known is 0
         stored = [0] * len(described)
-    # a matrix is stored in the smallest integers that hold it, and read as what it is
+    # numbers are stored in the smallest integers that hold them, and read as what they are; of
+    # those in a struct only the bytes stored are known
     return {
-        name: max(size, _LONGEST * math.prod(shape) if kind in _NUMERIC else 0)
+        name: _LONGEST * math.prod(shape) if kind in _NUMERIC else _LONGEST * size
         for (name, shape, kind), size in zip(described, stored, strict=True)
     }
 
