@@ -139,9 +139,9 @@ def matlab(path: Path, folder: Path) -> Arrays:
         for key, size in _variables(path).items():
             if size > MATLAB_BYTES:
                 raise RecordingError(
-                    f'{path}: variable {key} may take {size >> 20} MiB, and those of MATLAB are read '
-                    f'in one piece up to {MATLAB_BYTES >> 20}: save its columns as variables of '
-                    'their own, or the recording as CSV or .npy'
+                    f'{path}: variable {key} may take {size >> 20} MiB, and those of MATLAB are '
+                    f'read in one piece up to {MATLAB_BYTES >> 20}: save its columns as variables '
+                    'of their own, or the recording as CSV or .npy'
                 )
             entry = loadmat(str(path), variable_names=[key], simplify_cells=True).get(key)
             for name, value in _leaves(key, entry):

@@ -79,5 +79,7 @@ def test_a_variable_of_matlab_that_is_too_large_is_refused(tmp_path, monkeypatch
     path = tmp_path / 'a.mat'
     log = {'gyro': np.arange(360_000.0).reshape(-1, 3)}
     savemat(path, {'fs': 100.0, 'log': log}, do_compression=compress)
-    with pytest.raises(RecordingError, match=r'variable log may take 21 MiB, and .* as CSV or \.npy'):
+    with pytest.raises(
+        RecordingError, match=r'variable log may take 21 MiB, and .* as CSV or \.npy'
+    ):
         open_source(path, ReadOptions(units='SI', rate_hz=100.0))
