@@ -86,11 +86,10 @@ def difference(first: Estimate, second: Estimate) -> Estimate:
         missing = first if first.value is None else second
         return Estimate.not_observable(first.unit, missing.reason, confidence=first.confidence)
     value = first.value - second.value
-    ends = (first.low, first.high, second.low, second.high)
-    if any(end is None for end in ends):
+    if first.low is None or first.high is None or second.low is None or second.high is None:
         return Estimate(value, None, None, first.unit, first.confidence, method='difference')
-    down = math.hypot(first.value - ends[0], ends[3] - second.value)  # type: ignore[operator]
-    up = math.hypot(ends[1] - first.value, second.value - ends[2])  # type: ignore[operator]
+    down = math.hypot(first.value - first.low, second.high - second.value)
+    up = math.hypot(first.high - first.value, second.value - second.low)
     return Estimate(
         value, value - down, value + up, first.unit, first.confidence, method='difference'
     )

@@ -3,18 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from imu_bench.config.beginning import Beginning
-from imu_bench.simulation.motion import Band, Motion
+from imu_bench.simulation.motion import Changed, Motion
 from imu_bench.simulation.sensor_errors import Array
 import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Later:
+class Later(Changed):
     """
     A still bench that begins to move at some time.
 
@@ -36,25 +35,9 @@ class Later:
     array([ 9.80665, 19.6133 ])
     """
 
-    motion: Motion
     still: Motion
     switched_on_ns: int
     beginning: Beginning
-
-    @property
-    def bands(self) -> Sequence[Band]:
-        """Those of the motion."""
-        return self.motion.bands
-
-    @property
-    def duration_s(self) -> float | None:
-        """That of the motion, from its beginning on."""
-        return self.motion.duration_s
-
-    @property
-    def events(self) -> Sequence[dict[str, Any]]:
-        """Those of the motion."""
-        return self.motion.events
 
     def specific_force(self, t: Array) -> Array:
         """Return m/s²."""

@@ -260,25 +260,16 @@ class During:
 
 
 @dataclass(frozen=True, eq=False)
-class Mounted:
+class Changed:
     """
-    A motion as a sensor on the bench has it: along its own axes, and warmer.
+    What is made of another motion, whose frequencies, length and events it keeps.
 
     Attributes
     ----------
     motion : Motion
-    rotation : ndarray, shape (3, 3)
-        From the axes of the bench to those of the sensor.
-    heating_k : float
-        How much warmer than its surroundings the chip becomes when it is switched on, K.
-    warm_up_s : float
-        Time constant of that, s.
     """
 
     motion: Motion
-    rotation: Array
-    heating_k: float = 0.0
-    warm_up_s: float = 60.0
 
     @property
     def bands(self) -> Sequence[Band]:
@@ -294,6 +285,27 @@ class Mounted:
     def events(self) -> Sequence[dict[str, Any]]:
         """Those of the motion."""
         return self.motion.events
+
+
+@dataclass(frozen=True, eq=False)
+class Mounted(Changed):
+    """
+    A motion as a sensor on the bench has it: along its own axes, and warmer.
+
+    Attributes
+    ----------
+    motion : Motion
+    rotation : ndarray, shape (3, 3)
+        From the axes of the bench to those of the sensor.
+    heating_k : float
+        How much warmer than its surroundings the chip becomes when it is switched on, K.
+    warm_up_s : float
+        Time constant of that, s.
+    """
+
+    rotation: Array
+    heating_k: float = 0.0
+    warm_up_s: float = 60.0
 
     def specific_force(self, t: Array) -> Array:
         """Return m/s² along the sensor's axes."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
 
+from imu_bench.metrology.combining import difference
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.trials.crosstalk import (
     Compatibility,
@@ -145,28 +146,6 @@ class Campaign:
         if u_first == 0.0 and u_second == 0.0 and first != second:
             return Compatibility(second - first, 0.0, math.inf, False)
         return compatibility((first, u_first), (second, u_second), self.coverage)
-
-
-def difference(first: Estimate, second: Estimate) -> Estimate:
-    """
-    Return first less second; independent errors add as squares.
-
-    Examples
-    --------
-    >>> found = difference(Estimate(30.0, 29.7, 30.3, 'dB'), Estimate(7.0, 6.6, 7.4, 'dB'))
-    >>> found.value, round(found.low, 3), round(found.high, 3)
-    (23.0, 22.5, 23.5)
-    """
-    for missing in (first, second):
-        if missing.value is None:
-            return missing
-    value = (first.value or 0.0) - (second.value or 0.0)
-    ends = (first.low, first.high, second.low, second.high)
-    if any(end is None for end in ends):
-        return Estimate(value, None, None, first.unit, first.confidence)
-    down = math.hypot(first.value - first.low, second.high - second.value)  # type: ignore[operator]
-    up = math.hypot(first.high - first.value, second.value - second.low)  # type: ignore[operator]
-    return Estimate(value, value - down, value + up, first.unit, first.confidence)
 
 
 def _rejection(

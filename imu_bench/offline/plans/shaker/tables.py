@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 import math
 
+from imu_bench.metrology.combining import difference
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.plans.result import Cell, Column, Table
-from imu_bench.offline.plans.shaker.campaign import Campaign, Case, difference, INDICES
+from imu_bench.offline.plans.shaker.campaign import Campaign, Case, INDICES
 from imu_bench.samples import AXES, IMU_QUANTITIES, LINEAR_ACCELERATION, Quantity
 
 TITLES = {'linear_acceleration': 'Accelerometer', 'angular_velocity': 'Gyroscope'}
