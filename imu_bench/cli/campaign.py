@@ -37,6 +37,10 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         '--recorded', action='store_true', help='analyse what is there; simulate nothing'
     )
+    parser.add_argument(
+        '--storage', choices=('mcap', 'sqlite3', 'npy'),
+        help="format of simulated runs, npy for columns alone (default the test's or the bench's)",
+    )  # fmt: skip
     parser.add_argument('--seed', type=int, default=0, metavar='N', help='of the first run')
     parser.add_argument('--jobs', type=int, metavar='N', help='processes; one per core by default')
     parser.add_argument('-o', '--output', type=Path, metavar='DIR', help='where everything goes')

@@ -47,7 +47,8 @@ def conduct(config: BenchConfig, test: BenchTest, arguments: argparse.Namespace)
             f'{len(missing)} of {len(wanted)} runs are missing, such as {names}: record them '
             'there, or leave out --recorded'
         )
-    _simulate(config, test, missing, folder)
+    storage = arguments.storage or test.storage or config.recorder.storage
+    _simulate(config, test, missing, folder, storage)
     paths = [path for run in wanted for path in find_recordings(folder / run.name)]
     order = Order(ReadOptions(), Settings(reference=test.reference))
     jobs = within_memory(arguments.jobs or usable_cores())
@@ -64,8 +65,10 @@ def conduct(config: BenchConfig, test: BenchTest, arguments: argparse.Namespace)
     )
 
 
-def _simulate(config: BenchConfig, test: BenchTest, missing: list[Run], folder: Path) -> None:
-    """Write the bags of runs; one that is broken off leaves nothing that looks finished."""
+def _simulate(
+    config: BenchConfig, test: BenchTest, missing: list[Run], folder: Path, storage: str
+) -> None:
+    """Write the runs; one that is broken off leaves nothing that looks finished."""
     folder.mkdir(parents=True, exist_ok=True)
     with Bar() as bar:
         for number, run in enumerate(missing, 1):
@@ -78,7 +81,7 @@ def _simulate(config: BenchConfig, test: BenchTest, missing: list[Run], folder: 
                 )
             sensors = [bench.simulate(one, scenario, run=run.seed) for one in config.sensors]
             with whole_folder(folder / run.name) as draft:
-                recording.write_bag(
+                recording.write(
                     draft, sensors, scenario, length,
-                    storage=config.recorder.storage, run=run.seed, progress=step,
+                    storage=storage, run=run.seed, progress=step,
                 )  # fmt: skip

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from pathlib import Path
 import re
 import sys
@@ -83,21 +82,19 @@ def run(arguments: argparse.Namespace) -> int:
         for remark in sensor.remarks():
             print(f'note: {remark}', file=sys.stderr)
     begun = time.monotonic()
-    write = (
-        recording.write_columns
-        if storage == 'npy'
-        else partial(recording.write_bag, storage=storage)
-    )
     with Bar() as bar, whole_folder(arguments.output) as draft:
         step = bar.phase(f'simulating {scenario.name}')
-        counts = write(draft, simulated, scenario, duration_s, run=arguments.seed, progress=step)
+        counts = recording.write(
+            draft, simulated, scenario, duration_s,
+            storage=storage, run=arguments.seed, progress=step,
+        )  # fmt: skip
         if arguments.results is not None:
             _write_twins(draft, arguments.results)
     if arguments.results is not None:
         twin = arguments.output / TWIN
         print(f'wrote {twin}: sensor files of the twins, and bench.yaml to run them')
     took_s = time.monotonic() - begun
-    what = 'samples' if storage == 'npy' else 'messages'
+    what = 'samples' if storage == recording.COLUMNS else 'messages'
     print(
         f'wrote {arguments.output}: {sum(counts.values())} {what}, {duration_s:g} s in '
         f'{took_s:.1f} s ({duration_s / took_s:.0f} times real time); '

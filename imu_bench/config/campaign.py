@@ -23,6 +23,10 @@ _TEST = (
     ),
     Setting('plan', 'static', 'Plan that analyses the runs, as in `imu-bench analyze --plan`.'),
     Setting('reference', '', 'Sensor that the others are compared with.'),
+    Setting(
+        'storage', None, "Format of simulated runs, npy for columns; the recorder's by default.",
+        allowed=('mcap', 'sqlite3', 'npy'),
+    ),
     Setting('on_request', False, 'Whether the test is run only when it is named.'),
 )  # fmt: skip
 _ALSO = (
@@ -93,6 +97,8 @@ class BenchTest:
     duration_s : float or None
         Length of a run; the scenario's own if None.
     plan, reference : str
+    storage : str or None
+        Format of simulated runs; that of the bench's recorder if None.
     settings : mapping of str to str
         Of the plan.
     on_request : bool
@@ -112,6 +118,7 @@ class BenchTest:
     duration_s: float | None = None
     plan: str = 'static'
     reference: str = ''
+    storage: str | None = None
     settings: Mapping[str, str] = field(default_factory=dict)
     on_request: bool = False
     also: Also | None = None

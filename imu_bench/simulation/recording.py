@@ -37,6 +37,9 @@ SCHEMA = 'imu_bench.truth/1'
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
+COLUMNS = 'npy'
+"""Columns alone, in place of a bag."""
+
 Made = TypeVar('Made')
 
 
@@ -81,6 +84,28 @@ def slices(
             made = [waiting[index].result() for index in range(len(sensors))]
             waiting = {} if following is None else begin(following)
             yield end, made
+
+
+def write(
+    path: Path,
+    sensors: Sequence[SimulatedSensor],
+    scenario: Scenario,
+    duration_s: float,
+    *,
+    storage: str = 'mcap',
+    run: int = 0,
+    progress: Progress | None = None,
+) -> dict[str, int]:
+    """
+    Write a bag, or columns where `storage` is `COLUMNS`.
+
+    Parameters, errors and result as `write_bag` and `write_columns`.
+    """
+    if storage == COLUMNS:
+        return write_columns(path, sensors, scenario, duration_s, run=run, progress=progress)
+    return write_bag(
+        path, sensors, scenario, duration_s, storage=storage, run=run, progress=progress
+    )
 
 
 def write_bag(

@@ -63,6 +63,32 @@ def test_a_run_that_is_there_is_not_simulated_again(imu_bench, bench, tmp_path):
     assert len(before) == 2
 
 
+@pytest.mark.parametrize(
+    ('line', 'option', 'kinds'),
+    [
+        ('', (), {'.mcap'}),
+        ('    storage: npy\n', (), {'.npy'}),
+        ('    storage: npy\n', ('--storage', 'sqlite3'), {'.db3'}),
+        ('', ('--storage', 'npy'), {'.npy'}),
+    ],
+)
+def test_format_of_the_runs(imu_bench, bench, tmp_path, line, option, kinds):
+    text = bench.read_text(encoding='utf-8')
+    bench.write_text(text.replace('    plan: static\n', f'    plan: static\n{line}'), 'utf-8')
+    folder = tmp_path / 'campaign'
+    code, _, err = imu_bench('campaign', bench, '--short', '--jobs', '1', *option, '-o', folder)
+    assert (code, err) == (0, '')
+    files = [path.suffix for path in (folder / 'rest/still_1').rglob('*') if path.is_file()]
+    assert set(files) - {'.json', '.yaml'} == kinds
+
+
+def test_an_unknown_format_is_refused(imu_bench, bench, tmp_path):
+    bench.write_text(bench.read_text(encoding='utf-8') + '    storage: hdf5\n', 'utf-8')
+    code, _, err = imu_bench('campaign', bench, '-o', tmp_path / 'campaign')
+    assert code == 1
+    assert 'tests[1].storage: hdf5 is not allowed; allowed: mcap, sqlite3, npy' in err
+
+
 def test_repetitions_differ(imu_bench, bench, tmp_path):
     folder = tmp_path / 'campaign'
     imu_bench('campaign', bench, '--short', '--jobs', '1', '-o', folder)
