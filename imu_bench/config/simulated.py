@@ -74,6 +74,10 @@ def _errors_of(units: _Units) -> Iterator[Setting]:
         )
     yield _quantity(f'{name}.low_pass', 'Corner of its own filter.', 'Hz', (1e-6, inf))
     yield Setting(f'simulation.{name}.low_pass_order', 1, 'Butterworth.', (1, 2))
+    yield Setting(
+        f'simulation.{name}.low_pass_kind', 'analogue', 'Before sampling, or of the samples.',
+        ('analogue', 'digital'),
+    )  # fmt: skip
     yield _quantity(f'{name}.high_pass', 'No constant below this.', 'Hz', some)
     yield _quantity(f'{name}.range', 'Saturation.', signal, some)
     yield _quantity(f'{name}.resolution', 'Smallest step.', signal, some)

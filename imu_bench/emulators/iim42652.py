@@ -17,17 +17,16 @@ from imu_bench.bus.framing.fifo_packets import (
     PACKET_16,
     PACKET_20,
 )
-from imu_bench.bus.interface import Clock
-from imu_bench.drivers.driver import Driver
 from imu_bench.drivers.iim42652 import (
     ACCELERATION_20,
     ANGULAR_VELOCITY_20,
     FIFO_BYTES,
     Iim42652,
 )
-from imu_bench.emulators.line import Line
 from imu_bench.emulators.low_pass import LowPass
-from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, or_zero, Source
+from imu_bench.emulators.register_map import EmulatedBus, or_zero, Source
+from imu_bench.emulators.sampling import SamplingChip
+from imu_bench.emulators.socket import Socket
 from imu_bench.registers import Channel, Register
 from imu_bench.samples import Samples
 import numpy as np
@@ -36,7 +35,6 @@ C = Iim42652
 START_UP_NS = 1_000_000  # DS table 3
 ACCELEROMETER_NS, GYROSCOPE_NS = 20_000_000, 45_000_000  # DS tables 1 and 2, maximum
 SETTLE_NS = 200_000  # DS section 14.34: no register write after a change of power mode
-IDLE_NS = 10_000_000_000  # nobody asked for so long: the samples in between are skipped
 TICK = 32 / 30  # DS section 12.7: µs per tick of 1 µs, without an external clock
 LOW_NOISE = 3
 
@@ -78,7 +76,7 @@ def bandwidth_hz(rate_hz: float, bandwidth: str, order: int = 2) -> float:
     return factors[order - 1] * max(rate_hz, least)
 
 
-class Iim42652Chip(EmulatedChip):
+class Iim42652Chip(SamplingChip):
     """
     Banks, power, filters, data registers and the FIFO of packets.
 
@@ -101,8 +99,7 @@ class Iim42652Chip(EmulatedChip):
     quiet = frozenset({_PORT})
 
     def __init__(self, source: Source, start_ns: int, *, tick: float = TICK) -> None:
-        super().__init__(C.declared(Register).values())
-        self._source = source
+        super().__init__(C.declared(Register).values(), source)
         self._tick = tick
         self._fifo: deque[bytes] = deque()
         self.improper: list[str] = []
@@ -120,18 +117,11 @@ class Iim42652Chip(EmulatedChip):
         self._lost = 0
         self._update(self._ready_ns)
 
-    def answers(self, at_ns: int) -> bool:
-        """Return whether start-up is over."""
-        return at_ns >= self._ready_ns
-
     # --- sampling ------------------------------------------------------------------------
     def advance(self, to_ns: int) -> None:
         """Take every sample that is due."""
-        if to_ns <= self._now_ns:
+        if not self.pass_time(to_ns):
             return
-        if to_ns - self._now_ns > IDLE_NS:
-            self._source.restart(to_ns - IDLE_NS // 10)
-        self._now_ns = to_ns
         if self._rate_hz:
             samples = self._source.samples_until(to_ns)
             if len(samples):
@@ -159,7 +149,12 @@ class Iim42652Chip(EmulatedChip):
         self._rate_hz = rate
         if rate:
             self._acceleration, self._rotation = (
-                LowPass(bandwidth_hz(rate, str(memory.value(band)), order), rate, order)
+                LowPass(
+                    bandwidth_hz(rate, str(memory.value(band)), order),
+                    rate,
+                    order,
+                    of_samples=True,
+                )
                 for band, order in (
                     (C.accelerometer_bandwidth, int(memory.value(C.accelerometer_order))),
                     (C.gyroscope_bandwidth, int(memory.value(C.gyroscope_order))),
@@ -305,15 +300,6 @@ class Iim42652Chip(EmulatedChip):
             self._fifo.clear()
 
 
-def create(
-    driver: type[Driver],
-    kind: str,
-    name: str,
-    source: Source,
-    clock: Clock,
-    line: Line,
-    **options: float,
-) -> dict[str, EmulatedBus]:
+def create(at: Socket, **options: float) -> dict[str, EmulatedBus]:
     """Return the bus of an IIM-42652."""
-    chip = Iim42652Chip(source, clock.now_ns(), **options)
-    return {'': EmulatedBus(name, line, chip, acknowledges=kind == 'i2c')}
+    return {'': at.bus(Iim42652Chip(at.source, at.clock.now_ns(), **options))}

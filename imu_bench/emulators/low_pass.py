@@ -1,23 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The digital low-pass of a chip, at its output data rate."""
+"""The low-pass of a chip, at its output data rate."""
 
 from __future__ import annotations
 
+from imu_bench.simulation.low_pass import (
+    LowPass as Sections,
+)
+from imu_bench.simulation.low_pass import (
+    noise_sections,
+    sample_sections,
+)
 import numpy as np
-from scipy.signal import butter, lfilter, lfilter_zi
 
 
 class LowPass:
     """
     Butterworth, -3 dB at the bandwidth the document prints, settled on the first sample.
 
-    Noise density in the pass band is kept.  A bandwidth at or above half the rate filters
-    nothing; what a real chip folds back into the band then is not reproduced.
+    Noise density in the pass band is kept.  What a filter before the sampling, or at a higher
+    rate than that of the output, leaves of the noise above half the rate folds back; to noise it
+    is that of the simulation.  A filter of the output samples lets nothing of half the rate
+    through.  Motion above half the rate has folded back before it comes here, and is not reduced.
 
     Parameters
     ----------
     bandwidth_hz, rate_hz : float
+        A bandwidth of the rate or more filters nothing; of samples, of half the rate.
     order : int
+        1 or 2; of samples, any.
+    of_samples : bool
 
     Examples
     --------
@@ -25,17 +36,14 @@ class LowPass:
     [1.0, 1.0, 1.0]
     """
 
-    def __init__(self, bandwidth_hz: float, rate_hz: float, order: int = 1) -> None:
-        passes_all = bandwidth_hz >= rate_hz / 2
-        self._taps = None if passes_all else butter(order, bandwidth_hz, fs=rate_hz)
-        self._state: np.ndarray | None = None
+    def __init__(
+        self, bandwidth_hz: float, rate_hz: float, order: int = 1, *, of_samples: bool = False
+    ) -> None:
+        self._rate_hz = rate_hz
+        widest = rate_hz / 2 if of_samples else rate_hz
+        made_by = sample_sections if of_samples else noise_sections
+        self._sections = Sections(bandwidth_hz, order, made_by) if bandwidth_hz < widest else None
 
     def filter(self, values: np.ndarray) -> np.ndarray:
         """Return filtered values, shape (n, axes); the state goes on to the next block."""
-        if self._taps is None or not len(values):
-            return values
-        b, a = self._taps
-        if self._state is None:
-            self._state = lfilter_zi(b, a)[:, np.newaxis] * values[0]
-        out, self._state = lfilter(b, a, values, axis=0, zi=self._state)
-        return np.asarray(out)
+        return values if self._sections is None else self._sections.apply(values, self._rate_hz)

@@ -77,7 +77,9 @@ def model_from_json(document: Mapping[str, Any]) -> NoiseModel:
         parts = {name: Estimate.from_json(e) for name, e in process.items()}
         fields['gauss_markov'] = GaussMarkov(**parts)
     if (low_pass := model.get('low_pass')) is not None:
-        fields['low_pass'] = LowPass(low_pass['warped'], low_pass['order'], low_pass['period'])
+        # documents of version 0.1 knew digital filters only, by their order
+        kind = low_pass.get('kind') or f'digital {low_pass["order"]}'
+        fields['low_pass'] = LowPass(low_pass['warped'], kind, low_pass['period'])
     fields['tau_high'] = np.inf if model['tau_high'] is None else model['tau_high']
     return NoiseModel(unit=document['unit'], flags=tuple(model['flags']), **fields)
 

@@ -21,6 +21,13 @@ METHODS = ('whittle', 'tangent')
 _TOP = 2.0
 """Shortest averaging time in blocks: above a quarter of their rate averages fold noise back."""
 
+_TOP_FILTERED = 4.0
+"""
+The same behind a low-pass filter.  Averages of white noise are white because what folds back
+makes up for what they take; a filter leaves less to fold back, 1 % of N up to a quarter of their
+rate, 0.2 % up to an eighth.
+"""
+
 
 @dataclass(frozen=True)
 class SecondOpinion:
@@ -91,7 +98,8 @@ def ask(
     values = blocks.values
     if 'R' in model.fitted:
         values = values - _line(blocks)
-    shortest = model.tau_flat if blocks.size == 1 else max(model.tau_flat, _TOP / blocks.rate_hz)
+    top = _TOP if model.low_pass is None else _TOP_FILTERED
+    shortest = model.tau_flat if blocks.size == 1 else max(model.tau_flat, top / blocks.rate_hz)
     process = model.gauss_markov
     spectral = whittle.fit(
         values,

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-from imu_bench.simulation.low_pass import LowPass, noise_sections
+from imu_bench.simulation.low_pass import LowPass, NOISE_FILTERS
 from imu_bench.simulation.noise import Flicker, Noise, Quantisation, RandomWalk, White
 from imu_bench.simulation.sensor_errors import Array, Errors
 import numpy as np
@@ -49,7 +49,7 @@ class AxisOutput:
         values = self._noise.sample(n, period_s)
         values += value
         if self._high_pass_hz:
-            values = self._ac_coupled(values, period_s)
+            values = self._ac_coupled(values, value, period_s)
         values = self._faults.spikes(values, period_s)
         if self._range < math.inf:
             np.clip(values, -self._range, self._range, out=values)
@@ -59,12 +59,13 @@ class AxisOutput:
             values *= self._resolution
         return self._faults.digital(values, period_s)
 
-    def _ac_coupled(self, values: Array, period_s: float) -> Array:
+    def _ac_coupled(self, values: Array, noiseless: Array | float, period_s: float) -> Array:
         """Return what passes a first-order high-pass that was settled when it all began."""
         if not values.size:
             return values
         if self._settled is None:
-            self._settled = float(values[0])
+            # on the signal: settled on its first noise it would begin with a transient
+            self._settled = float(np.ravel(noiseless)[0])
         decay = math.exp(-2.0 * math.pi * self._high_pass_hz * period_s)
         constant, state = lfilter([1.0 - decay], [1.0, -decay], values, zi=[decay * self._settled])
         self._settled = float(state[0]) / decay
@@ -90,7 +91,9 @@ class _Noise:
         filtered = bool(self._processes) and corner < math.inf
         self._low_pass: LowPass | None = None
         if filtered:
-            self._low_pass = LowPass(corner, errors.low_pass_order, noise_sections)
+            self._low_pass = LowPass(
+                corner, errors.low_pass_order, NOISE_FILTERS[errors.low_pass_kind]
+            )
         self._begun = False
 
     def sample(self, n: int, period_s: float) -> Array:

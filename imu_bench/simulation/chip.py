@@ -22,8 +22,9 @@ LARGEST_BLOCK = 1 << 13
 
 POINTS = 5.0
 PASSED_POINTS = 10.0
-"""Points per period of the highest frequency at which a sensor's low-pass is computed, and of
-the highest one that it lets pass: up to twice its corner."""
+"""Points per period of the highest frequency at which a sensor's low-pass is computed, and of the
+highest one that it lets pass: up to twice its corner.  The bilinear transform takes 2 % (first
+order) or 5 % (second) too much at ten points, 13 % or 25 % at five, where little is left."""
 
 
 class SensorSource:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-from imu_bench.simulation.low_pass import noise_sections
+from imu_bench.simulation.low_pass import NOISE_FILTERS
 from imu_bench.simulation.noise import white_sigma
 from imu_bench.simulation.sensor_errors import Errors
 import numpy as np
@@ -13,7 +13,11 @@ from scipy.signal import sosfilt
 from scipy.special import ndtr
 
 HIDDEN = 0.45
-"""Sigma in steps below which the resolution hides the noise."""
+"""
+Sigma in steps below which the resolution hides the noise.  The mean after rounding follows the
+mean before it with the slope 1 ± 2 e^(−2π²σ²) (σ in steps; the Fourier series of the rounding
+error, smoothed by the noise): slow noise is scaled by up to 3.7 % here, by 34 % at 0.3 steps.
+"""
 
 _SIGMAS = 9.0
 _RESPONSE = 1 << 14
@@ -68,7 +72,7 @@ def rounding_shows_noise(errors: Errors, axis: int, rate_hz: float) -> bool:
     Return whether the noise of an axis moves its output from step to step.
 
     Below 0.45 steps of sigma, what comes out depends on where between two steps the axis
-    stands: slow noise is magnified or vanishes (Widrow and Kollár 2008, section 5.3).
+    stands: slow noise is magnified or vanishes (see `HIDDEN`).
     """
     step = float(errors.resolution[axis])
     density = float(errors.white_density[axis])
@@ -80,8 +84,8 @@ def rounded_variance(mean: float, sigma: float, step: float) -> float:
     """
     Return the variance of normal values after rounding to multiples of a step.
 
-    For a sigma above half a step it is sigma² + step²/12 (B. Widrow, I. Kollár 2008,
-    "Quantization Noise", Cambridge University Press, chapter 5); this is the exact sum.
+    For a sigma above half a step it is sigma² + step²/12 within 2.4 % (B. Widrow, I. Kollár 2008,
+    "Quantization Noise", Cambridge University Press); this is the exact sum.
 
     Examples
     --------
@@ -105,7 +109,7 @@ def _noise_gain(errors: Errors, axis: int, rate_hz: float) -> float:
     corner = float(errors.low_pass[axis])
     if math.isinf(corner):
         return 1.0
-    sections = noise_sections(corner, errors.low_pass_order, rate_hz)
+    sections = NOISE_FILTERS[errors.low_pass_kind](corner, errors.low_pass_order, rate_hz)
     impulse = np.zeros(_RESPONSE)
     impulse[0] = 1.0
     response = sosfilt(sections, impulse)

@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 ORDERS = (1, 2)
 
 SETTLED = 3.0
-"""Periods of the corner frequency after which a start is forgotten: e^(-4π) = 3e-6 at most."""
+"""Periods of the corner frequency after which a start is forgotten: e^(-3√2π) = 2e-6 is left."""
 
 
 def motion_sections(corner_hz: float, order: int, rate_hz: float) -> Array:
@@ -52,8 +52,8 @@ def noise_sections(corner_hz: float, order: int, rate_hz: float) -> Array:
     -----
     The poles are those of the analogue filter, z = exp(sT).  Behind the second order the
     samples of white noise are an ARMA(2, 1) process of autocovariance
-    e^(-aτ) (cos aτ + sin aτ), a = 2πf/√2, which fixes the zero (P. J. Brockwell and
-    R. A. Davis 1991, "Time Series: Theory and Methods", 2nd ed., section 3.3).
+    e^(-aτ) (cos aτ + sin aτ), a = 2πf/√2, which fixes the zero: taken through the poles alone,
+    the samples have an autocovariance at lags 0 and 1 only, that of a moving average.
 
     Examples
     --------
@@ -80,6 +80,21 @@ def noise_sections(corner_hz: float, order: int, rate_hz: float) -> Array:
     return np.array([[gain, gain * zero, 0.0, *poles]])
 
 
+def sample_sections(corner_hz: float, order: int, rate_hz: float) -> Array:
+    """
+    Return a Butterworth low-pass of the output samples, which lets nothing of half the rate pass.
+
+    A corner of half the rate or more filters nothing.  Parameters and result as `noise_sections`.
+    """
+    if corner_hz >= 0.5 * rate_hz:
+        return np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    return np.asarray(butter(order, corner_hz, fs=rate_hz, output='sos'))
+
+
+NOISE_FILTERS = {'analogue': noise_sections, 'digital': sample_sections}
+"""What `low_pass_kind` may be: a filter before the sampling, or one of the output samples."""
+
+
 class LowPass:
     """
     A low-pass of one or more columns that goes on from block to block.
@@ -89,7 +104,7 @@ class LowPass:
     corner_hz : float
     order : int
     sections : callable
-        `motion_sections` or `noise_sections`.
+        `motion_sections`, `noise_sections` or `sample_sections`.
 
     Examples
     --------

@@ -9,7 +9,7 @@ from typing import Any
 
 from imu_bench.errors import ConfigError
 from imu_bench.samples import AXES
-from imu_bench.simulation.low_pass import ORDERS
+from imu_bench.simulation.low_pass import NOISE_FILTERS, ORDERS
 import numpy as np
 import numpy.typing as npt
 
@@ -22,7 +22,7 @@ NOISE_TYPES = ('one-sided', 'two-sided')
 REFERENCE_C = 25.0
 """Temperature at which the temperature errors are zero: that of MATLAB's imuSensor."""
 
-_WORDS = ('noise_type', 'axes', 'low_pass_order')
+_WORDS = ('noise_type', 'axes', 'low_pass_order', 'low_pass_kind')
 _MATRICES = ('cross_axis', 'acceleration_bias')
 _SIGNED = (
     'bias',
@@ -77,6 +77,9 @@ class Errors:
         -3 dB corner in Hz of the sensor's own filter, infinite for none.
     low_pass_order : int
         1 or 2 (Butterworth).
+    low_pass_kind : str
+        'analogue', before the sampling, so that noise above half the rate folds back, or
+        'digital', of the output samples.
     high_pass : float or array
         Corner frequency in Hz of a sensor that does not pass constant values, such
         as a piezoelectric one; zero for none.
@@ -115,6 +118,7 @@ class Errors:
     vibration_rectification: Axes = 0.0
     low_pass: Axes = math.inf
     low_pass_order: int = 1
+    low_pass_kind: str = 'analogue'
     high_pass: Axes = 0.0
     range: Axes = math.inf
     resolution: Axes = 0.0
@@ -132,7 +136,11 @@ class Errors:
                 object.__setattr__(self, field.name, check(field.name, getattr(self, field.name)))
         if not self.axes or any(axis not in AXES for axis in self.axes):
             raise ConfigError(f'axes {self.axes!r} are not allowed; name some of x, y and z')
-        for name, known in (('noise_type', NOISE_TYPES), ('low_pass_order', ORDERS)):
+        for name, known in (
+            ('noise_type', NOISE_TYPES),
+            ('low_pass_order', ORDERS),
+            ('low_pass_kind', tuple(NOISE_FILTERS)),
+        ):
             value = getattr(self, name)
             if value not in known:
                 raise ConfigError(f'{name} {value!r} is not allowed; allowed: {known}')

@@ -48,6 +48,29 @@ def test_n_has_no_bias_its_interval_holds_and_nothing_else_appears(order, share,
     assert np.median(cutoffs) == pytest.approx(share * RATE_HZ, rel=0.1)
 
 
+def sampled(share, x):
+    """Return samples of noise behind an analogue filter of first order, folding included."""
+    pole = math.exp(-2.0 * math.pi * share)
+    return signal.lfilter([1.0 - pole], [1.0, -pole], x)[2000:]
+
+
+@pytest.mark.parametrize(('share', 'held'), [(0.32, 34), (0.4, 34), (0.625, 30)])
+def test_what_folds_back_behind_an_analogue_filter_is_known(share, held):
+    """As most chips filter; the samples of a minute at 100 Hz."""
+    models = [coefficients.fit(curve(sampled(share, white(29, run, 6000)))) for run in range(40)]
+    assert not any('bump' in flag for model in models for flag in model.flags)
+    assert sum(model.N.low <= TRUE <= model.N.high for model in models) >= held
+    assert np.mean([model.N.value for model in models]) == pytest.approx(TRUE, rel=0.02)
+
+
+def test_a_slow_filter_of_a_short_record_is_never_taken_for_flicker():
+    """Rounded, so that the very start follows no filter; the record is short for what is left."""
+    for run in range(30):
+        x = sampled(0.05, white(30, run, 12_000))
+        model = coefficients.fit(curve(np.round(x / 0.13) * 0.13))
+        assert not model.B.observable and model.N.high > 0.9 * TRUE
+
+
 def test_the_filter_is_named_and_the_curve_drawn_from_its_first_point():
     seen = curve(behind(1, 0.2, white(22, 0, 200_000)))
     model = coefficients.fit(seen)
@@ -91,7 +114,7 @@ def test_a_filter_of_another_kind_is_left_to_the_part_that_all_share(filtered):
     assert np.mean([m.N.value for m in models]) == pytest.approx(TRUE, rel=0.015)
     assert sum(m.N.low <= TRUE <= m.N.high for m in models) >= 8
     assert not any(m.B.observable or m.K.observable for m in models)
-    assert all(any('left out' in flag for flag in m.flags) for m in models)
+    assert all(any('left out' in flag or 'low-pass' in flag for flag in m.flags) for m in models)
 
 
 def test_a_process_is_found_behind_a_filter_and_leaves_n():

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Allan variance and the density of filtered white noise, against the filters of scipy."""
+"""Allan variance and density of filtered white noise, against the filters of scipy."""
 
 import math
 
-from imu_bench.metrology.fitting.low_pass import bend, deficit, LowPass
+from imu_bench.metrology.fitting.low_pass import bend, deficit, KINDS, LowPass, WEAKEST
 import numpy as np
 import pytest
 from scipy import signal
@@ -13,7 +13,23 @@ CUTOFFS = [0.003, 0.05, 0.2, 0.25, 0.3, 0.45]
 
 
 def low_pass(share, order):
-    return LowPass(math.log(math.tan(math.pi * share)), order, PERIOD)
+    return LowPass(math.log(math.tan(math.pi * share)), f'digital {order}', PERIOD)
+
+
+def analogue(share, order):
+    return LowPass(math.log(math.pi * share), f'analogue {order}', PERIOD)
+
+
+def folded(share, order, frequency):
+    """Return the density behind an analogue filter, with what folds back of 400 bands."""
+    bands = np.asarray(frequency)[:, None] * PERIOD + np.arange(-400, 401)
+    left = 1.0 / (1.0 + (bands / share) ** (2 * order))
+    density = left.sum(axis=1)
+    # beyond these bands the density falls as its power: the rest of the sum as an integral
+    tail = 2.0 * share ** (2 * order) * 400.5 ** (1 - 2 * order) / (2 * order - 1)
+    # unit gain at zero frequency: sampled white noise has a density of one there
+    at_zero = (1.0 / (1.0 + (np.arange(-400, 401) / share) ** (2 * order))).sum() + tail
+    return (density + tail) / at_zero
 
 
 @pytest.mark.parametrize('order', [1, 2])
@@ -28,6 +44,30 @@ def test_the_allan_variance_is_that_of_the_impulse_response(order, share):
         assert low_pass(share, order).variance([m * PERIOD])[0] == pytest.approx(
             expected, rel=1e-6
         )
+
+
+@pytest.mark.parametrize('order', [1, 2])
+@pytest.mark.parametrize('share', [*CUTOFFS, 0.625, 1.5])
+def test_behind_an_analogue_filter_the_density_folds_back(order, share):
+    frequency = np.array([0.01, 1.0, 10.0, 30.0, 49.9])
+    found = analogue(share, order)
+    np.testing.assert_allclose(
+        found.gain(frequency), folded(share, order, frequency), rtol=1e-5, atol=1e-9
+    )
+    assert found.cutoff == pytest.approx(share / PERIOD)
+
+
+@pytest.mark.parametrize('order', [1, 2])
+@pytest.mark.parametrize('share', [0.05, 0.3, 0.625, 1.5])
+def test_the_allan_variance_of_analogue_kinds_is_the_integral_of_their_density(order, share):
+    found = analogue(share, order)
+    # IEEE Std 952-1997 annex C with a sum of samples in place of the integral
+    frequency = (np.arange(40_000) + 0.5) / 80_000
+    for m in (1, 2, 7, 40):
+        turns = np.pi * frequency
+        window = 2.0 * np.sin(m * turns) ** 4 / (m * np.sin(turns)) ** 2
+        expected = 2.0 * np.mean(found.gain(frequency / PERIOD) * window) / PERIOD / 2.0
+        assert found.variance([m * PERIOD])[0] == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize('order', [1, 2])
@@ -48,18 +88,27 @@ def test_a_slow_first_order_filter_is_the_continuous_one():
     filtered, time = low_pass(1e-3, 1), 1.0 / (2.0 * math.pi * 1e-3)
     m = np.array([30.0, 100.0, 300.0, 1e3, 1e4])
     expected = time / (2.0 * m) * (3.0 - 4.0 * np.exp(-m / time) + np.exp(-2.0 * m / time))
-    np.testing.assert_allclose(deficit(m, filtered.warped, 1), expected, rtol=1e-4)
+    np.testing.assert_allclose(deficit(m, filtered.warped, 'digital 1'), expected, rtol=1e-4)
 
 
-@pytest.mark.parametrize('order', [1, 2])
-def test_nothing_is_left_of_a_filter_at_long_averaging_times(order):
+@pytest.mark.parametrize('kind', KINDS)
+def test_nothing_is_left_of_a_filter_at_long_averaging_times(kind):
     tau = np.array([1e3, 1e5])
-    np.testing.assert_allclose(low_pass(0.05, order).variance(tau) * tau, 1.0, atol=1e-4)
+    filtered = LowPass(math.log(math.tan(math.pi * 0.05)), kind, PERIOD)
+    np.testing.assert_allclose(filtered.variance(tau) * tau, 1.0, atol=1e-4)
 
 
-@pytest.mark.parametrize('order', [1, 2])
-def test_the_bend_is_the_derivative(order):
-    tau, at, step = PERIOD * np.array([1.0, 4.0, 30.0]), low_pass(0.1, order), 1e-4
-    above = LowPass(at.warped + step, order, PERIOD).variance(tau)
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_filter_that_does_nothing_has_no_effect(kind):
+    filtered = LowPass(WEAKEST, kind, PERIOD)
+    assert filtered.variance([PERIOD])[0] * PERIOD == pytest.approx(1.0, abs=0.07)
+    np.testing.assert_allclose(filtered.gain([1.0, 30.0, 45.0]), 1.0, atol=0.05)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_the_bend_is_the_derivative(kind):
+    at = LowPass(math.log(math.tan(math.pi * 0.1)), kind, PERIOD)
+    tau, step = PERIOD * np.array([1.0, 4.0, 30.0]), 1e-4
+    above = LowPass(at.warped + step, kind, PERIOD).variance(tau)
     expected = (above - at.variance(tau)) / step
     np.testing.assert_allclose(bend(tau, at), expected, rtol=1e-3)

@@ -9,6 +9,7 @@ from imu_bench.offline.health import Health
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
+from scipy import signal
 
 BAD = ('warning', 'severe')
 
@@ -225,6 +226,7 @@ class TestValues:
         found = health.check(recording_of(doubled))
         assert finding(found, 'repeated').severity == 'severe'
         assert '50 %' in finding(found, 'repeated').text
+        assert 'outliers' not in codes(found) and 'resolution' not in codes(found)
 
     def test_saturated(self, recording_of, noise):
         samples = changed(noise(), 'angular_velocity', lambda g: np.clip(g, -0.002, 0.002))
@@ -248,6 +250,20 @@ class TestValues:
     def test_coarse(self, recording_of, noise):
         samples = changed(noise(), 'acceleration', lambda a: np.round(a / 0.1) * 0.1)
         assert 'resolution' in codes(health.check(recording_of(samples)))
+
+    @pytest.mark.parametrize(('steps', 'told'), [(1.8, False), (0.8, False), (0.4, True)])
+    def test_noise_behind_a_low_pass_is_not_judged_by_its_neighbours(
+        self, recording_of, noise, steps, told
+    ):
+        """As the SCL3300 is read: neighbours are alike, and yet the noise is above a step."""
+
+        def filtered(acceleration):
+            slow = signal.lfilter([1.0], [1.0, -0.9], acceleration - acceleration.mean(), axis=0)
+            slow *= steps * 1e-3 / slow[1000:].std(axis=0)
+            return np.round((9.8 * np.array([0.0, 0.0, 1.0]) + slow) / 1e-3) * 1e-3
+
+        found = health.check(recording_of(changed(noise(), 'acceleration', filtered)))
+        assert ('resolution' in codes(found)) is told
 
     def test_what_sticks_out_of_rounded_noise_by_seven_sigma_is_no_outlier(
         self, recording_of, noise
@@ -304,6 +320,16 @@ class TestMotion:
         found = health.check(recording_of(changed(noise(), 'acceleration', knock)))
         assert 'motion' in codes(found)
         assert 'outliers' not in codes(found)
+
+    def test_the_first_moment_of_a_motion_is_no_outlier(self, recording_of, noise):
+        """It may fall into the end of a block that is otherwise still."""
+
+        def turn(column):
+            column[29_997:30_400] += np.random.default_rng(2).normal(0.0, 0.3, (403, 3))
+            return column
+
+        found = health.check(recording_of(changed(noise(), 'angular_velocity', turn)))
+        assert 'motion' in codes(found) and 'outliers' not in codes(found)
 
     def test_moving_all_the_time(self, recording_of, noise):
         time = np.arange(60_000) / 100.0

@@ -3,11 +3,12 @@
 
 import math
 
-from imu_bench.simulation.expected import expected_coefficients, rounded_variance
+from imu_bench.simulation.expected import expected_coefficients, HIDDEN, rounded_variance
 from imu_bench.simulation.sensor_errors import Errors
 from imu_bench.simulation.sensor_model import ErrorModel
 import numpy as np
 import pytest
+from scipy import stats
 
 
 @pytest.mark.parametrize('mean', [0.0, 0.3, 0.5, -7.2])
@@ -15,6 +16,16 @@ import pytest
 def test_the_variance_of_rounded_noise_is_the_exact_one(mean, sigma):
     values = np.rint(np.random.default_rng(1).normal(mean, sigma, 400_000))
     assert rounded_variance(mean, sigma, 1.0) == pytest.approx(values.var(), rel=0.02, abs=2e-3)
+
+
+@pytest.mark.parametrize(('sigma', 'most'), [(HIDDEN, 0.037), (0.3, 0.34)])
+def test_slow_noise_is_scaled_by_rounding_as_told(sigma, most):
+    codes, noise = np.arange(-6, 8), stats.norm(scale=sigma)
+    mean = np.linspace(0.0, 1.0, 201)
+    reached = noise.cdf(codes + 0.5 - mean[:, None]) - noise.cdf(codes - 0.5 - mean[:, None])
+    slope = np.gradient(reached @ codes, mean)
+    assert np.abs(slope - 1.0).max() == pytest.approx(most, rel=0.02)
+    assert 2.0 * math.exp(-2.0 * math.pi**2 * sigma**2) == pytest.approx(most, rel=0.02)
 
 
 @pytest.mark.parametrize('step', [0.0, 0.3, 1.2])

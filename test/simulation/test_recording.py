@@ -6,12 +6,13 @@ import json
 from pathlib import Path
 
 from imu_bench import bench
+from imu_bench.bags.columns import ColumnWriter
 from imu_bench.bags.writer import BagWriter
 from imu_bench.config import sensor_from_parameters
 from imu_bench.config.location import named_file
 from imu_bench.errors import RecordingError
 from imu_bench.samples import Samples
-from imu_bench.simulation import columns, recording
+from imu_bench.simulation import recording
 from imu_bench.simulation.clock import START_NS
 from imu_bench.simulation.scenario import load_scenario
 from imu_bench.simulation.topics import TRANSPORT_NS
@@ -217,7 +218,7 @@ def test_a_full_disk_ends_a_bag_that_can_be_read(tmp_path, monkeypatch):
 
 def test_a_full_disk_ends_columns_with_one_line(tmp_path, monkeypatch):
     sensors, scenario = simulated(generic('a', 100.0))
-    monkeypatch.setattr(columns.ColumnWriter, 'write', full)
+    monkeypatch.setattr(ColumnWriter, 'write', full)
     with pytest.raises(RecordingError, match='out: the disk is full') as caught:
         recording.write_columns(tmp_path / 'out', sensors, scenario, 30.0)
     assert '\n' not in str(caught.value)

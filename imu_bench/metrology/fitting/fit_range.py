@@ -14,7 +14,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from imu_bench.metrology.curve import Floats
-from imu_bench.metrology.fitting.filter_fit import candidates, filtered_white, LOWEST, shows
+from imu_bench.metrology.fitting.filter_fit import (
+    candidates,
+    filtered_white,
+    LOWEST,
+    POSSIBLE,
+    shows,
+)
 from imu_bench.metrology.fitting.low_pass import LowPass
 from imu_bench.metrology.fitting.model_choice import fit_subsets, residuals_of
 from imu_bench.metrology.fitting.model_fit import PENALTY, Problem, Solutions
@@ -23,10 +29,13 @@ from imu_bench.metrology.fitting.screening import Glance, glance, HOPELESS, Judg
 import numpy as np
 
 START_MISFIT = 3.0
-"""Mean residual of the first octave, in standard deviations, above which its start is wrong."""
+"""
+Mean residual of the first octave, in standard deviations, above which its start is wrong: a right
+model shows it in 0.3 % of the records at most.
+"""
 
 START_FIT = 1.5
-"""Mean residual of the first octave below which a shortened curve starts well."""
+"""Mean residual of the first octave below which a shortened curve starts well: half of that."""
 
 FEWEST = 8
 """Points that a shortened curve keeps."""
@@ -45,7 +54,9 @@ WIDEST_BUMP = 0.5
 
 
 KNOWN_FILTER = 1.5
-"""Mean squared residual up to which a filter is of a kind that is known."""
+"""
+Mean squared residual up to which a filter is of a kind that is known, as `noise_fit.DOUBTFUL`.
+"""
 
 DOUBT = 6.0
 """
@@ -58,6 +69,12 @@ CYCLES = (1.0, 2.0)
 Start of a curve, in periods of the cutoff, from which on it tells nothing of the kind of filter
 but 1 − 3T/2τ: a moving average is over after half a period, and what a filter of second order
 still rings is below 2 permille.
+"""
+
+FORGOTTEN = 4.0
+"""
+Start of a curve, in periods of the cutoff, from which on a filter that must be there but cannot be
+told takes 3 % of N at most, and half of that an octave later.
 """
 
 ROUNDS = 5
@@ -78,7 +95,8 @@ class Range(Judged):
     bump : tuple of float
         First and last averaging time in s left out in the middle; empty if none.
     alike : Range or None
-        The fit behind another kind of low-pass filter, if it describes the curve as well.
+        The fit behind another kind of low-pass filter, or behind any if this one has none, that
+        describes the curve as well.
     """
 
     problem: Problem
@@ -128,7 +146,7 @@ def choose_range(problem: Problem) -> Range:
     if filtered is not None:
         return filtered
     if whole.described and whole.start <= START_MISFIT:
-        return whole
+        return replace(whole, alike=_weak(whole))
     tried: list[Judged] = [whole]
     for count in _starts(problem):
         tried.append(_from(whole, count))
@@ -184,11 +202,48 @@ def _filtered(whole: Range) -> Range | None:
         count = int(np.searchsorted(problem.tau, cycles / filters[0].cutoff))
         if found is not None or not 0 < count <= problem.tau.size - FEWEST:
             break
-        rest = problem.only(slice(count, None))
         if not _no_filter(whole, count):
-            plain = Range(rest, fit_subsets(rest), float(rest.tau[0]))
-            found = _needed(plain, candidates(rest), MISFIT, DOUBT)
+            plain = _later(whole, count)
+            found = _needed(plain, candidates(plain.problem), MISFIT, DOUBT)
+    if found is None and filters and not sound:
+        found = _beyond(whole, FORGOTTEN / filters[0].cutoff)
     return found
+
+
+def _later(whole: Range, count: int) -> Range:
+    """Return the fit without the first points."""
+    rest = whole.problem.only(slice(count, None))
+    return Range(rest, fit_subsets(rest), float(rest.tau[0]))
+
+
+def _beyond(whole: Range, start: float) -> Range | None:
+    """Return the fit from an averaging time on where a filter no longer shows, if it is good."""
+    count = int(np.searchsorted(whole.problem.tau, start))
+    if not 0 < count <= whole.problem.tau.size - FEWEST:
+        return None
+    plain = _later(whole, count)
+    best = plain.solutions[plain.solutions.likeliest]
+    present = {t for t, on in zip(plain.problem.terms, best.mask, strict=True) if on}
+    if not plain.described or plain.start > START_FIT or 'N' not in present or 'Q' in present:
+        return None
+    # a filter takes from the first point, to which a vibration adds
+    if whole.problem.variance[0] > best.squares @ whole.problem.basis[:, 0]:
+        return None
+    return replace(plain, alike=_weak(plain))
+
+
+def _weak(whole: Range) -> Range | None:
+    """
+    Return the fit behind a filter that a curve shows but does not need.
+
+    Whether it is there nobody knows; N can be as high as behind it.
+    """
+    if whole.problem.low_pass is not None or 'G' in whole.problem.terms:
+        return None
+    if not shows(whole.problem, whole.solutions[whole.solutions.likeliest], POSSIBLE):
+        return None
+    filters = candidates(whole.problem)
+    return _behind(whole, filters[0]) if filters else None
 
 
 def _no_filter(whole: Range, count: int) -> bool:

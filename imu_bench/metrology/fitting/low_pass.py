@@ -16,49 +16,77 @@ from imu_bench.metrology.curve import Floats
 import numpy as np
 import numpy.typing as npt
 
-ORDERS = (1, 2)
-"""Orders that are tried; after a few correlation times they differ in nothing."""
+Complex = npt.NDArray[np.complex128]
+
+KINDS = ('analogue 1', 'analogue 2', 'digital 1', 'digital 2')
+"""
+Butterworth filters of first and second order that are tried; after a few correlation times they
+differ in nothing.  An analogue one is in front of the sampling, and what it leaves of the noise
+above half the rate folds back; so does what a chip filters at a higher rate, and an exponential
+average is the same as 'analogue 1'.  A digital one lets nothing of half the rate through.
+"""
 
 WEAKEST = 3.4
-"""Logarithm of `warped` beyond which a filter does nothing: a cutoff of 0.49 sample rates."""
+"""
+`LowPass.warped` beyond which a filter does nothing: a digital one of 0.49 sample rates, or an
+analogue one of 9.5.
+"""
 
 
 @dataclass(frozen=True)
 class LowPass:
     """
-    A digital Butterworth filter of unit gain.
+    A filter of unit gain at low frequencies.
 
     Attributes
     ----------
     warped : float
         ln tan(π f_c τ0), by which the bilinear transform stretches the axis of frequencies, for
-        a cutoff (−3 dB) f_c and a sample period τ0.
-    order : int
-        1 or 2.
+        a cutoff (−3 dB) f_c and a sample period τ0; of an analogue filter ln(π f_c τ0).
+    kind : str
+        One of `KINDS`.
     period : float
         Sample period τ0 in s.
     """
 
     warped: float
-    order: int
+    kind: str
     period: float
 
     @property
     def cutoff(self) -> float:
-        """Frequency in Hz at which the density has fallen to one half."""
-        return math.atan(math.exp(self.warped)) / (math.pi * self.period)
+        """Frequency in Hz at which the density has fallen to one half, but for what folds back."""
+        w = math.exp(self.warped)
+        return (w if self._analogue else math.atan(w)) / (math.pi * self.period)
 
     def gain(self, frequency: npt.ArrayLike) -> Floats:
         """
-        Return the density that is left, shape (k,): 1/(1 + (tan(πfτ0)/tan(πf_cτ0))^(2 order)).
+        Return the density that is left, shape (k,).
 
-        A. V. Oppenheim and R. W. Schafer, Discrete-Time Signal Processing (3rd ed. 2010),
-        sections 7.2.2 and 7.3.
+        Of a digital filter 1/(1 + (f/f_c)^(2 order)) with the frequencies that the bilinear
+        transform s = (2/τ0) (z − 1)/(z + 1) gives at z = e^(2πifτ0): s = (2i/τ0) tan(πfτ0).
+        Behind an analogue one it is the transform of the sampled autocovariance.
         """
         angle = np.minimum(np.pi * np.asarray(frequency, np.float64) * self.period, 1.5707)
+        if self._analogue:
+            return self._folded(2.0 * angle)
         stretched = np.log(np.tan(angle)) - self.warped
-        result: Floats = 1.0 / (1.0 + np.exp(np.minimum(2.0 * self.order * stretched, 700.0)))
+        order = int(self.kind[-1])
+        result: Floats = 1.0 / (1.0 + np.exp(np.minimum(2.0 * order * stretched, 700.0)))
         return result
+
+    @property
+    def _analogue(self) -> bool:
+        return self.kind.startswith('analogue')
+
+    def _folded(self, angle: Floats) -> Floats:
+        """Return 1 − 2 Re(A/(1 − p)) + 2 Re Σ A p^(k−1) cos(k angle), k from 1 on."""
+        pole, weight = _OF_KIND[self.kind](np.exp(np.array(self.warped)))
+        first, turn = weight * (1.0 - pole) ** 2, np.exp(1j * angle)
+        waves = turn / (1.0 - pole * turn) + turn.conj() / (1.0 - pole * turn.conj())
+        constant = 1.0 - 2.0 * (first / (1.0 - pole)).real
+        folded: Floats = np.maximum(constant + (first * waves).real, 0.0)
+        return folded
 
     def variance(self, tau: npt.ArrayLike) -> Floats:
         """
@@ -66,15 +94,15 @@ class LowPass:
 
         Examples
         --------
-        >>> LowPass(math.log(0.1), 1, 0.01).variance([0.01, 100.0]).round(4).tolist()
+        >>> LowPass(math.log(0.1), 'digital 1', 0.01).variance([0.01, 100.0]).round(4).tolist()
         [0.8264, 0.01]
         """
         t = np.asarray(tau, np.float64)
-        result: Floats = (1.0 - deficit(t / self.period, self.warped, self.order)) / t
+        result: Floats = (1.0 - deficit(t / self.period, self.warped, self.kind)) / t
         return result
 
 
-def deficit(m: npt.ArrayLike, warped: npt.ArrayLike, order: int) -> Floats:
+def deficit(m: npt.ArrayLike, warped: npt.ArrayLike, kind: str) -> Floats:
     """
     Return the share of the Allan variance of white noise that a filter takes.
 
@@ -88,28 +116,47 @@ def deficit(m: npt.ArrayLike, warped: npt.ArrayLike, order: int) -> Floats:
         Averaging factors, at least 1.
     warped : array_like
         `LowPass.warped`, of a shape that broadcasts with `m`.
-    order : int
-        1 or 2.
+    kind : str
+        One of `KINDS`.
 
     Examples
     --------
-    >>> deficit([1.0, 1e4], [math.log(0.1)], 1).round(5).tolist()
+    >>> deficit([1.0, 1e4], [math.log(0.1)], 'digital 1').round(5).tolist()
     [0.99174, 0.00075]
     """
     factors, w = np.asarray(m, np.float64), np.exp(np.asarray(warped, np.float64))
-    pole, weight = _first_order(w) if order == 1 else _second_order(w)
+    pole, weight = _OF_KIND[kind](w)
     power = np.exp(factors * np.log(pole))
     return np.asarray((weight * (3.0 - 4.0 * power + power**2)).real / factors, np.float64)
 
 
-def _first_order(w: Floats) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
+def _analogue_1(w: Floats) -> tuple[Complex, Complex]:
+    """Return pole and A/(1 − p)²: the autocovariance is (1 − p)/(1 + p) p^k, p = e^(−2w)."""
+    pole = np.exp(-2.0 * w)
+    return pole.astype(np.complex128), (pole / -np.expm1(-4.0 * w)).astype(np.complex128)
+
+
+def _analogue_2(w: Floats) -> tuple[Complex, Complex]:
+    """
+    Return one pole of the pair, and A/(1 − p)² for both.
+
+    The autocovariance is r e^(−ak) (cos ak + sin ak) = Re(r (1 − i) p^k), a = √2 w, and its
+    sum over all k is one.
+    """
+    pole = np.exp((1j - 1.0) * math.sqrt(2.0) * w)
+    rest = 1.0 - pole
+    zeroth = 1.0 / (1.0 + 2.0 * ((1.0 - 1j) * pole / rest).real)
+    return pole, zeroth * (1.0 - 1j) * pole / rest**2
+
+
+def _digital_1(w: Floats) -> tuple[Complex, Complex]:
     """Return pole and A/(1 − p)²: the autocovariance is (1 − p²)/4 p^(k−1), p = (1−w)/(1+w)."""
     pole = (1.0 - w) / (1.0 + w)
     pole = np.where(np.abs(pole) < 1e-9, 1e-9, pole)
     return pole.astype(np.complex128), (0.25 / w).astype(np.complex128)
 
 
-def _second_order(w: Floats) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
+def _digital_2(w: Floats) -> tuple[Complex, Complex]:
     """Return one pole of the pair, and A/(1 − p)² for both, A by the residue at the pole."""
     s = w * np.exp(0.75j * np.pi)
     pole = (1.0 + s) / (1.0 - s)
@@ -118,8 +165,11 @@ def _second_order(w: Floats) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np
     return pole, 2.0 * gain * (1.0 + pole) ** 4 / (others * (1.0 - pole) ** 2)
 
 
+_OF_KIND = dict(zip(KINDS, (_analogue_1, _analogue_2, _digital_1, _digital_2), strict=True))
+
+
 def bend(tau: Floats, low_pass: LowPass) -> Floats:
     """Return the derivative of `LowPass.variance` by `warped`, shape (k,)."""
     m, step = tau / low_pass.period, 1e-3
-    above, below = (deficit(m, low_pass.warped + s, low_pass.order) for s in (step, -step))
+    above, below = (deficit(m, low_pass.warped + s, low_pass.kind) for s in (step, -step))
     return np.asarray((below - above) / (2.0 * step * tau), np.float64)

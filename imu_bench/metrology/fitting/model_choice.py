@@ -16,12 +16,12 @@ SIGNIFICANCE = 1e-4
 
 DECISIVE = 50.0
 """
-Gain in −2 ln L beyond which a term needs no test: without it the model is so far off that its
-scatter means nothing.
+Gain in −2 ln L beyond which a term needs no test (χ²_1 exceeds it in 2 of 10¹²): without it the
+model is so far off that its scatter means nothing.
 """
 
 EQUIVALENT = 4.0
-"""Subsets whose score comes this close to the best cannot be told from it."""
+"""Subsets whose score comes this close, 0.14 in likelihood, to the best cannot be told from it."""
 
 WIDER = 7.0
 """The same for supersets of the best, which widen its intervals only."""

@@ -30,7 +30,8 @@ import numpy as np
 PENALTY = 8.0
 """
 What one more term must gain in −2 ln L.  Neighbouring points are correlated, so the gain of a
-needless term exceeds χ²_1; candidates are tested against the spectrum afterwards.
+needless term exceeds χ²_1, which is above 8 in 0.5 %; candidates are tested against the spectrum
+afterwards.
 """
 
 PARAMETERS = {'R': 1.25, 'G': 2.0}

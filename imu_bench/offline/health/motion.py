@@ -29,8 +29,9 @@ _SIGMAS = 8.0  # improbable in 10 million blocks of Gaussian noise
 _SPREAD = 4.0  # block scatter against its median; 32 samples give 1 ± 0.13
 _COLOURED = 10.0  # block means of filtered noise scatter up to this much more than of white noise
 # What a MEMS sensor at rest does not do from one second to the next (m/s², rad/s): the bias
-# instability of consumer parts is below 0.5 mg and 50 °/h (thesis of Shabulinzenze, 2020,
-# table 5.5), warm-up drifts take minutes.
+# instability of consumer parts is below 0.2 mg (Shabulinzenze 2020, Tampere University MSc thesis,
+# table 5.5: 6.8 m/s/h) and 15 °/h (the MPU-6050 of the data set mpu6050_static), and warm-up
+# drifts take minutes.  These are 25 and 70 times as much.
 _MEAN_FLOOR = {False: 0.05, True: 0.005}
 _SCATTER_FLOOR = {False: 0.05, True: 0.01}
 _PAUSE = 5  # blocks; a shorter rest between two motions counts as motion
@@ -49,10 +50,13 @@ class Motion(NamedTuple):
         return float(self.moving.mean()) if self.moving.size else 0.0
 
     def at(self, positions: npt.NDArray[np.int64]) -> Bools:
-        """Return for each sample position whether the sensor moved then."""
+        """Return for each sample position whether the sensor moved in its block or next to it."""
         if not self.moving.size:
             return np.zeros(positions.shape, dtype=bool)
-        return self.moving[np.minimum(positions // self.size, self.moving.size - 1)]
+        near = self.moving.copy()
+        near[1:] |= self.moving[:-1]
+        near[:-1] |= self.moving[1:]
+        return near[np.minimum(positions // self.size, self.moving.size - 1)]
 
     def intervals(self) -> list[tuple[int, int]]:
         """Return the moving stretches as sample positions [first, after last)."""

@@ -18,7 +18,7 @@ from imu_bench.offline.health.finding import Finding
 from imu_bench.offline.notation import count, percent
 from imu_bench.offline.recordings import Recording
 
-_SEVERE = 0.05  # share of messages lost or left out
+_SEVERE = 0.05  # share of messages lost or left out, as `stamps._MANY_MISSING`
 _ELSEWHERE = (COUNTS, STAMPS, NOT_A_NUMBER)  # codes of notes that are findings of their own
 
 

@@ -16,6 +16,7 @@ Floats = npt.NDArray[np.float64]
 _PIECE = 2**18
 _LONG = 16  # samples; shorter runs of equal values are not kept
 _DISTINCT = 2**16  # samples looked at for the resolution
+_SHORT = 256  # samples; longer than the memory of a filter, shorter than a drift
 _MAD = 1.4826
 
 
@@ -40,6 +41,8 @@ class Numbers:
         Smallest step between values, if all values are multiples of one step.
     noise : float
         Robust σ of the difference of neighbours over √2: scatter without drift and outliers.
+    scatter : float
+        Median of σ within short pieces: scatter of noise that a filter makes alike in neighbours.
     """
 
     lowest: float
@@ -51,6 +54,7 @@ class Numbers:
     frozen: tuple[tuple[int, int], ...]
     resolution: float | None
     noise: float
+    scatter: float
 
 
 def examine(values: Floats) -> Numbers:
@@ -82,6 +86,7 @@ def examine(values: Floats) -> Numbers:
         tuple(run for run in runs if run[1] > limit),
         _resolution(values),
         _noise(values),
+        _scatter(values),
     )
 
 
@@ -218,12 +223,23 @@ def _resolution(values: Floats) -> float | None:
     return resolution(part[np.isfinite(part)]) or None
 
 
+def _spread(values: Floats, width: int) -> list[Floats]:
+    """Return up to 64 pieces spread over the recording."""
+    width = min(width, values.size)
+    count = min(64, max(1, values.size // 4096))
+    starts = np.linspace(0, values.size - width, count).astype(np.int64)
+    return [values[s : s + width] for s in starts.tolist()]
+
+
+def _scatter(values: Floats) -> float:
+    """Return the median of the scatter within pieces."""
+    pieces_ = [part[np.isfinite(part)] for part in _spread(values, _SHORT)]
+    return float(np.median([part.std() if part.size else 0.0 for part in pieces_]))
+
+
 def _noise(values: Floats) -> float:
     """Return the robust scatter of neighbours, from pieces spread over the recording."""
-    count = min(64, max(1, values.size // 4096))
-    width = min(4096, values.size)
-    starts = np.linspace(0, values.size - width, count).astype(np.int64)
-    steps = np.concatenate([np.diff(values[s : s + width]) for s in starts])
+    steps = np.concatenate([np.diff(part) for part in _spread(values, 4096)])
     steps = steps[np.isfinite(steps)]
     if not steps.size:
         return 0.0

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
 
 from imu_bench.offline.axes import Axis
 from imu_bench.offline.health import runs
@@ -15,13 +16,20 @@ from imu_bench.samples import LINEAR_ACCELERATION, Samples
 from imu_bench.units import STANDARD_GRAVITY
 import numpy as np
 
-_STUCK_SEVERE = 0.05  # share of the recording
-_SATURATED, _PILE = 5, 3  # samples at the extreme; times as many as at a value next to it
+_STUCK_SEVERE = 0.05  # share of the recording: σ comes out 2.5 % too low
+# samples at the extreme; times as many as at a value next to it: 1 of 5460 ends of rounded
+# Gaussian records (10³ to 10⁵ samples, steps of 0.03 σ to 0.6 σ) was taken for saturated
+_SATURATED, _PILE = 5, 3
 _LEVELS = 16  # fewer levels make piling up at the extreme normal
-_REPEATED = 0.01  # share of whole samples that repeat, beyond chance
-_SPIKE = 10.0  # σ: chance of one in 10¹⁵ Gaussian samples is below 10⁻⁸
+_REPEATED, _REPEATED_SEVERE = 0.01, 0.2  # share of whole samples that repeat, beyond chance
+_CUT_SEVERE = 1e-3  # share of samples at the end of the range: those beyond 3.3 σ of noise
+# σ of a sample off the line between its neighbours, 8.2 of what this has itself: Gaussian noise
+# gets there once in 3·10¹⁵ samples
+_SPIKE = 10.0
+_EQUAL = 0.25  # share of samples that repeat: half of them make the median step zero
 _ROUNDED = 0.5  # steps by which rounding can move the median that the noise is taken from
-_GRAVITY = 0.15  # relative; consumer parts are within 3 %
+_COARSE = 0.5  # steps; rounding adds a twelfth of a squared step to the variance
+_GRAVITY = 0.15  # relative: scale and offset of consumer parts, ±3 % and ±80 mg of an MPU-9250
 
 
 def constant(facts: Mapping[str, Numbers]) -> Iterator[Finding]:
@@ -87,7 +95,7 @@ def repeated(samples: Samples, facts: Mapping[str, Numbers]) -> Iterator[Finding
     share = runs.repeated_rows(columns) / max(size - 1, 1)
     if share > _REPEATED + 5.0 * chance:
         yield Finding(
-            'severe' if share > 0.2 else 'warning',
+            'severe' if share > _REPEATED_SEVERE else 'warning',
             'repeated',
             f'{percent(share)} of the samples repeat the one before in every axis.',
             'The sensor is read faster than it measures: neighbouring samples are not '
@@ -115,7 +123,7 @@ def saturated(facts: Mapping[str, Numbers], signals: Sequence[Axis]) -> Iterator
                 share = max(share, at / axis.values.size)
     if cut:
         yield Finding(
-            'severe' if share > 1e-3 else 'warning',
+            'severe' if share > _CUT_SEVERE else 'warning',
             'saturated',
             f'Saturated: {"; ".join(cut)} (up to {percent(share)} of the samples).',
             'The signal was cut off: mean, σ and spectrum are wrong there.',
@@ -126,7 +134,10 @@ def saturated(facts: Mapping[str, Numbers], signals: Sequence[Axis]) -> Iterator
 def is_coarse(fact: Numbers) -> bool:
     """Return whether the noise of an axis that is not constant is below its resolution."""
     step = fact.resolution
-    return step is not None and fact.lowest != fact.highest and fact.noise < 0.5 * step
+    if step is None or fact.lowest == fact.highest:
+        return False
+    # neighbours behind a low-pass differ by less than the noise
+    return fact.noise < _COARSE * step and fact.scatter < math.sqrt(_COARSE**2 + 1 / 12) * step
 
 
 def coarse(facts: Mapping[str, Numbers], signals: Sequence[Axis]) -> Iterator[Finding]:
@@ -157,7 +168,9 @@ def spikes(
     first = signals[0].values.size if signals else 0
     for axis in signals:
         fact = facts[axis.name]
-        limit = _SPIKE * (fact.noise + _ROUNDED * (fact.resolution or 0.0))
+        # where many neighbours are equal, of repeated or coarse samples, they tell no noise
+        noise = max(fact.noise, fact.scatter) if fact.repeated > _EQUAL else fact.noise
+        limit = _SPIKE * (noise + _ROUNDED * (fact.resolution or 0.0))
         if limit <= 0.0 or motion.share == 1.0:
             continue
         found = runs.spikes(axis.values, limit)
