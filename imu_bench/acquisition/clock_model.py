@@ -10,7 +10,7 @@ early.  Averages over such readings are biased and jump with the load of the
 machine; the lower envelope does not.  The model is the straight line below all
 readings that has the smallest sum of distances to them, the linear programme
 of S. Moon, P. Skelly, D. Towsley, "Estimation and removal of clock skew from
-network delay measurements", IEEE INFOCOM 1999, section IV; its solution is the
+network delay measurements", IEEE INFOCOM 1999, pp. 227-234; its solution is the
 edge of the lower convex hull above the mean count.
 """
 
@@ -35,20 +35,35 @@ BUCKET_S = 0.25
 SETTLE_S = 0.3
 SETTLE_READINGS = 30
 SETTLE_MOST_S = 1.0
-"""Samples are held back at the start and after a loss until so much is known."""
+"""
+Samples are held back at the start and after a loss until so much is known: of 30 readings that are
+late by anything up to a period, the least late one is late by a thirtieth of it.
+"""
 
 TRUST_S = 10.0
-"""A period found over this long is kept through a loss."""
+"""
+A period found over this long is kept through a loss: at 100 Hz that thirtieth is 33 ppm of it.
+"""
 
 STALL_S = 0.05
 STALL_BUCKETS = 2
-"""Readings this late over whole buckets mean that the chip stopped and nobody said so."""
+"""
+Readings this late over whole buckets mean that the chip stopped and nobody said so: a busy host
+may delay single readings by as much, not all of half a second.
+"""
 
 SAME_PHASE = 0.25
-"""Part of a period within which the phase after a loss counts as unchanged."""
+"""
+Part of a period within which the phase after a loss counts as unchanged: well above that
+thirtieth, and one new phase of two is farther off.
+"""
 
 SLEW = 1e-3
-"""Corrections of the line reach the stamps at this relative speed at most: 1 ms per second."""
+"""
+Corrections of the line reach the stamps at this relative speed at most, 1 ms per second: no
+interval is off by more, and a line that settled on a wrong thirtieth of 10 ms is right after a
+third of a second.
+"""
 
 Point = tuple[float, float]
 

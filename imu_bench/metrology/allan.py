@@ -57,8 +57,9 @@ DECIMATE_ABOVE = 1 << 20
 
 KEPT = 0.99
 """
-Least share of the record that decimated differences must cover.  Short runs between gaps lose
-more at their ends; their differences are then taken in full.
+Least share of the record that decimated differences must cover: a share s less makes intervals
+s/2 wider.  Short runs between gaps lose more at their ends; their differences are then taken in
+full.
 """
 
 

@@ -40,7 +40,8 @@ FEWEST = 3
 EARLY = 300
 """
 Part of a curve, as a multiple of its first averaging time, where a filter is looked for beside a
-Gauss-Markov process: there the process still rises like a random walk.
+Gauss-Markov process: there the process still rises like a random walk.  Its shortest correlation
+time is `noise_fit.SHORTEST` samples, a filter's longest 80 (`filter_fit.LOWEST`).
 """
 
 ROUNDING = 1e-12

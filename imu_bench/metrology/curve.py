@@ -22,7 +22,7 @@ NOISE_NAMES = {
     -4: 'random run',
 }
 """
-Names of the power laws S_y(f) ~ f^alpha (NIST SP 1065 table 1), as seen in rate data:
+Names of the power laws S_y(f) ~ f^alpha (NIST SP 1065), as seen in rate data:
 alpha 2 is quantisation, 0 is angle or velocity random walk, -1 bias instability,
 -2 rate random walk.
 """

@@ -22,8 +22,13 @@ from scipy import special
 Floats = npt.NDArray[np.float64]
 
 BLOCKS = 64
+"""Blocks of a record: their scatter is known to 1/√(2 · 63), 9 %."""
+
 FEWEST_BLOCKS = 8
+"""Blocks below which their scatter, known to 27 %, is not asked: samples count as independent."""
+
 FEWEST_PER_BLOCK = 4
+"""Samples per block at least; a shorter record has fewer blocks."""
 
 FEWEST_FREEDOM = FEWEST_BLOCKS / 2
 """
@@ -216,9 +221,10 @@ def error_of_mean(blocks: Floats) -> tuple[float, float]:
     Correlation below that point is not absent.  What is left is taken for that of a
     first-order autoregressive sequence, whose mean has (1 + r)/(1 - r) =: I times the variance
     of independent values while their scatter about it comes out (K - I)/(K - 1) times too
-    small.  Its r is the lag-1 correlation less the bias of its estimate, -(1 + 4r)/K for a mean
-    that is estimated as well (F. H. C. Marriott and J. A. Pope 1954, "Bias in the estimation
-    of autocorrelations", Biometrika 41:390; the tests find the same by simulation).
+    small.  Its r is the lag-1 correlation less the bias of its estimate: -(1 + 3r)/K where the
+    mean is estimated as well (F. H. C. Marriott and J. A. Pope 1954, "Bias in the estimation of
+    autocorrelations", Biometrika 41:390), -r/K more here, for K - 1 products are divided by K
+    squares (the tests find the same by simulation).
 
     Examples
     --------

@@ -26,7 +26,11 @@ Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 TOLERANCE = 0.02
-"""Distance of the distribution functions up to which noise is called practically normal."""
+"""
+Distance of the distribution functions up to which noise is called practically normal.  For scale:
+Student's t is 0.016 away with 10 degrees of freedom and 0.038 with 5, a uniform distribution
+0.057.
+"""
 
 LILLIEFORS = (0.752, 0.788, 0.835, 0.907, 1.058)
 """
@@ -36,9 +40,13 @@ sigma: 60 000 records of 10 000 samples, found as H. W. Lilliefors 1967, J. Am. 
 """
 
 MOST_BINS = 400
+"""Bins of a histogram: more than a figure can show."""
+
 FEWEST_SAMPLES = 20
+"""Samples below which a distance of 0.2 (95 %) would not be seen."""
 
 _FINE = 4096
+"""Places between ±6 sigma where distributions are compared; between two lie 0.0006 at most."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -182,6 +182,9 @@ def resolution(data: npt.ArrayLike) -> float:
     """
     Return the step of quantised data; 0 if the data show none.
 
+    Data are quantised where the values seen are a quarter of the samples or fewer, and 95 of
+    100 distances of neighbouring values are multiples of the step to a tenth of it.
+
     Examples
     --------
     >>> resolution(np.round(np.sin(np.arange(1000.0)), 2)).__round__(6)
@@ -222,9 +225,9 @@ def outliers(data: npt.ArrayLike) -> Outliers:
 
     The distance is measured in standard deviations from the median absolute
     deviation (B. Iglewicz and D. C. Hoaglin 1993, "How to Detect and Handle Outliers",
-    ASQC, chapter 3).  Their fixed limit of 3.5 would call five in ten thousand good
-    samples outliers; here the limit grows with the number of samples, so that
-    normal noise has one outlier in twenty records, whatever their length.
+    ASQC Basic References in Quality Control 16).  Their fixed limit of 3.5 would call
+    five in ten thousand good samples outliers; here the limit grows with the number of
+    samples, so that normal noise has one outlier in twenty records, whatever their length.
 
     Parameters
     ----------

@@ -6,8 +6,7 @@ Flicker noise is approximated by a sum of independent first-order Gauss-Markov
 processes, one per decade of correlation time.  Their sum has a rational spectrum,
 so one white noise through one filter of the same order has the same distribution
 as all of them: the filter is the minimum-phase factor of the spectrum (spectral
-factorisation; A. Papoulis 1991, "Probability, Random Variables, and Stochastic
-Processes", 3rd ed., section 14.1).
+factorisation, derived in `_minimum_phase`).
 """
 
 from __future__ import annotations

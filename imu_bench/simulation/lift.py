@@ -17,7 +17,10 @@ import numpy as np
 
 THUD_HZ = 12.0
 THUD_DECAY_S = 0.15
-"""A thud rings at this frequency and fades with this time constant: a cabin on its isolation."""
+"""
+A thud rings at this frequency and fades with this time constant: a cabin on its isolation
+(assumed, as are the next two).
+"""
 
 DOORS_S = 2.0
 """From the thud of the closing doors to the start, and from the stop to that of the opening."""

@@ -108,6 +108,6 @@ def test_fault_error_bar_is_no_interval():
 
 
 def test_fault_one_dimension_only():
-    with pytest.raises(Exception):  # noqa: B017
+    with pytest.raises(Exception):  # noqa: B017, whatever it comes to
         allantools.oadev(np.zeros((100, 3)), data_type='freq', taus=[1.0])
     assert len(allan.deviations(np.random.default_rng(7).normal(size=(100, 3)), 1.0)) == 3

@@ -30,7 +30,7 @@ def ten(shared_data):
 
 
 def thousand():
-    """Return the 1000-point set: NIST SP 1065 (2008), section 12.4, equation (73)."""
+    """Return the 1000-point set: NIST SP 1065 (2008), section 12."""
     numbers = [1234567890]
     while len(numbers) < 1000:
         numbers.append(16807 * numbers[-1] % 2147483647)

@@ -2,7 +2,7 @@
 """Histogram and normality: honest with few samples and with millions."""
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.normality import histogram, MOST_BINS, normality
+from imu_bench.metrology.normality import histogram, LILLIEFORS, MOST_BINS, normality
 import numpy as np
 import pytest
 from scipy import stats
@@ -19,6 +19,17 @@ def test_normal_noise_is_hardly_ever_called_otherwise():
         found = verdicts(lambda n=n: rng.normal(3.0, 0.1, n))
         assert found.count('not normal') <= 8
     assert found.count('normal') >= 34
+
+
+def test_the_quantiles_of_the_distance_are_those_of_normal_records():
+    records = np.sort(np.random.default_rng(4).normal(size=(1500, 4000)), axis=1)
+    records -= records.mean(axis=1, keepdims=True)
+    expected = stats.norm.cdf(records / records.std(axis=1, ddof=1, keepdims=True))
+    steps = np.arange(4001) / 4000
+    distance = np.maximum(steps[1:] - expected, expected - steps[:-1]).max(axis=1)
+    quantiles = np.quantile(distance * np.sqrt(4000), (0.80, 0.85, 0.90, 0.95, 0.99))
+    assert quantiles[:4] == pytest.approx(np.array(LILLIEFORS[:4]), rel=0.03)
+    assert quantiles[4] == pytest.approx(LILLIEFORS[4], rel=0.06)
 
 
 @pytest.mark.parametrize('kind', ['uniform', 'student', 'two levels'])

@@ -41,6 +41,17 @@ def test_offset_and_gain_come_out(rates):
     assert found.coherence[(found.frequency > 5) & (found.frequency < 75)].min() > 0.8
 
 
+@pytest.mark.parametrize('fast', [500.0, 1344.0, 4000.0])
+def test_the_gain_holds_up_to_the_last_frequency_whatever_the_ratio_of_the_rates(fast):
+    at = motion(np.random.default_rng(3), high=49.0)
+    own = sensor(at, 100.0, 0.0, gain=0.9, noise=0.001, seed=1)
+    other = sensor(at, fast, 0.0, noise=0.001, seed=2)
+    found = compare(own, other, resolution_hz=1.0, low_hz=5.0, longest_offset_s=0.1)
+    for low, high in ((5.0, 20.0), (35.0, 40.0)):
+        part = found.gain[(found.frequency >= low) & (found.frequency <= high)]
+        assert np.median(part) == pytest.approx(0.9, abs=0.004)
+
+
 def test_the_intervals_cover():
     inside = np.zeros(2)
     for seed in range(40):

@@ -26,15 +26,16 @@ a period of 2, 4 or 8 samples, is not met at the same phase every time.
 LEAST_OVERLAP = 12
 """
 Starting points per averaging time that decimation leaves at least.  The variance of the
-overlapped Allan variance of white noise is then 0.87 % above its limit (0.02 % for flicker
+overlapped Allan variance of white noise is then 0.87 % above its limit (0.03 % for flicker
 noise), by equation (10) of Greenhall and Riley (2003).
 """
 
 _NEAR = 395.0
 """
 Starting points per averaging time, over sqrt(m/n), that keep the decimated deviation within
-0.2 % (standard deviation) of full overlap.  The two differ by 0.71 sqrt(m/n) / overlap for
-white noise, less for every redder one, by the same equation.
+0.2 % (standard deviation) of full overlap.  The two differ by 0.65 sqrt(m/n) / overlap for
+white noise in a long record, less for every redder one, by the same equation; 0.79 is allowed
+for, because ends cost more where m is not small against n (0.76 simulated at m = n/14).
 """
 
 _REACH = {

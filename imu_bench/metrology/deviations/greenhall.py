@@ -27,7 +27,7 @@ from scipy import special
 Floats = npt.NDArray[np.float64]
 
 MAXIMUM_TERMS = 100
-"""Terms after which the basic sum is abridged: J_max of section 5."""
+"""Terms after which the basic sum is abridged: J_max of the paper."""
 
 _UNMODIFIED = {
     (1, 2): (790.0, 410.0), (1, 3): (9950.0, 6520.0),
@@ -56,7 +56,7 @@ def inverse_edf(
     alpha: int, d: int, m: int, terms: int, stride: int, modified: bool, sampled: bool = True
 ) -> float:
     """
-    Return 1/edf of a variance estimated from `terms` differences (section 5).
+    Return 1/edf of a variance estimated from `terms` differences.
 
     Parameters
     ----------
@@ -187,10 +187,10 @@ def _fractional(lag: Floats, delta: float) -> Floats:
     """
     Return the generalised autocovariance of sampled noise summed to the order delta.
 
-    Up to a factor it is Gamma(k + delta) / Gamma(k + 1 - delta) at lag k (J. R. M. Hosking,
-    "Fractional differencing", Biometrika 68(1), 1981, theorem 1), a polynomial for whole
-    delta; for half-integers, where that is even in k and differences wipe it out, what is
-    left is its derivative by delta.
+    Up to a factor it is Gamma(k + delta) / Gamma(k + 1 - delta) at lag k, the autocovariance
+    of fractionally integrated white noise (J. R. M. Hosking 1981, "Fractional differencing",
+    Biometrika 68(1):165), a polynomial for whole delta; for half-integers, where that is even in
+    k and differences wipe it out, what is left is its derivative by delta.
     """
     roots = np.arange(1.0 - delta % 1.0, delta)
     product: Floats = np.prod(lag[..., None] ** 2 - roots**2, axis=-1)

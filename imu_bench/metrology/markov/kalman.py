@@ -28,6 +28,14 @@ _SETTLED = 1e-10
 _LAGS = 20
 """Lags of the whiteness test."""
 
+_UNLIKELY = 1e-3
+"""
+Probability below which innovations are not white: two tests call 2 of 1000 right models wrong.
+"""
+
+_BLOCK_SHARE = 0.25
+"""Averages of the slow test, in correlation times: a drift is seen before it is forgotten."""
+
 _BLOCKS = 60
 """Blocks that the slow whiteness test needs; fewer say nothing about 20 lags."""
 
@@ -152,7 +160,7 @@ def track(
             filtered.update(x[start:end] - mean, int(start))
         else:
             filtered.predict(int(start), int(end))
-    block = max(int(0.25 * process.correlation_time * rate_hz), 1)
+    block = max(int(_BLOCK_SHARE * process.correlation_time * rate_hz), 1)
     innovation = filtered.innovation
     return Track(
         filtered.bias + mean,
@@ -264,7 +272,7 @@ def whiteness(innovation: npt.ArrayLike, block: int) -> Whiteness:
     if block > 1 and blocks >= _BLOCKS:
         slow = _ljung_box(x[: blocks * block].reshape(blocks, block).mean(axis=1))
     variance = float(x @ x / x.size) if x.size else 0.0
-    return Whiteness(fast, slow, variance, min(fast, slow) > 1e-3)
+    return Whiteness(fast, slow, variance, min(fast, slow) > _UNLIKELY)
 
 
 def moving_average(

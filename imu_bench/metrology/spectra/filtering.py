@@ -16,6 +16,7 @@ ORDER = 2
 """Of the Butterworth filter in each direction; the pass there and back has twice as many."""
 
 _SHORTEST = 32
+"""Samples by which the ends are extended at least; there must be as many."""
 
 
 def moving_average(data: npt.ArrayLike, steps: int) -> Floats:
@@ -69,9 +70,10 @@ def zero_phase(
 
     Notes
     -----
-    Two passes would be 6 dB down at the cut-off of one, which is therefore moved by
-    (√2 − 1)^(1/2n) for order n (D. A. Winter 2009, Biomechanics and Motor Control of Human
-    Movement, 4th ed., page 69), here in the warped frequency, so that it is exact.
+    Two passes would be 6 dB down at the cut-off of one, which is therefore moved (D. A. Winter
+    2009, Biomechanics and Motor Control of Human Movement, 4th ed.).  Derived here: the gain of
+    both is 1/(1 + x^2n) with order n and the ratio x of warped frequency and cut-off, which is
+    1/√2 at x = (√2 − 1)^(1/2n).
 
     Examples
     --------

@@ -10,7 +10,10 @@ from imu_bench.errors import DataError
 from imu_bench.metrology.estimate import Estimate
 
 AGREE = 0.10
-"""Densities that differ by no more than this are called equal whatever their intervals."""
+"""
+Densities that differ by no more than this are called equal whatever their intervals: a bandwidth
+that is off by 20 % makes as much of sigma/√bandwidth.
+"""
 
 
 @dataclass(frozen=True)

@@ -25,14 +25,30 @@ USABLE = 0.4
 """Share of the lower sample rate up to which two sensors are compared."""
 
 _UPSAMPLED = 8.0
-_TAPS = 257
+"""Points per period of half the lower rate, at least, between which splines interpolate."""
+
+_KAISER = 8.0
+_TAPS = 51
+"""
+Taps of the anti-alias filter per ratio of the rates.  With Kaiser's beta = 8, which is 81 dB
+down, a transition of Δω takes 73 / (2.285 Δω) of them (J. F. Kaiser's formula, as in
+`signal.kaiserord`); here it goes from `USABLE` to half the lower rate.
+"""
+
 _BIN_CORRELATION = 35.0 / 18.0
 """Of neighbouring bins of a Hann window, as in `imu_bench.metrology.spectra.spectrum`."""
 
-_LEAST_CORRELATION = 0.05
 _CHANCE = 0.05
+"""Probability that independent noise is taken for coherent in any bin."""
+
 _SIGNIFICANT = 6.0
-"""Times the RMS of the correlation that its peak is at least, or else `_LEAST_CORRELATION`."""
+"""
+Times the RMS of the whitened correlation that its peak is at least: of independent noise one lag
+in 10⁹ is as high.
+"""
+
+_LEAST_CORRELATION = 0.05
+"""Or the plain correlation at the peak: a tone in common alone makes no peak that stands out."""
 
 _WHITENING = 0.7
 """Power of the cross spectrum that is divided out: 0 is the plain correlation, which follows
@@ -139,10 +155,10 @@ def compare(
 
     Notes
     -----
-    H1 = S_xy / S_xx of Welch spectra, J. S. Bendat and A. G. Piersol 2010, Random Data, 4th
-    ed.: coherence equation (5.91), random error of gain and phase √(1 − γ²) / (|γ| √(2 n))
-    equation (9.90) and table 9.6, interval of the coherence from Fisher's transformation with
-    variance 1 / (2 n − 2).  The offset is where the partly whitened cross-correlation is
+    H1 = S_xy / S_xx of Welch spectra, coherence γ² = |S_xy|² / (S_xx S_yy), random error of gain
+    and phase √(1 − γ²) / (|γ| √(2 n)): J. S. Bendat and A. G. Piersol 2010, Random Data, 4th ed.,
+    equation (9.90).  Interval of the coherence: artanh |γ| has about the variance 1 / (2 n − 2)
+    (the tests find the same).  The offset is where the partly whitened cross-correlation is
     largest, made finer by the slope of the phase, weighted with its error (C. H. Knapp and
     G. C. Carter 1976, IEEE Trans. Acoust. Speech Signal Process. ASSP-24(4):320); what does not
     fit the straight line widens the interval.
@@ -238,7 +254,9 @@ def _resampled(trace: Trace, start_s: float, rate: float, count: int | None = No
     values, own = trace.values - trace.values.mean(), trace.rate_hz
     if own > 1.001 * rate:
         # what lies above half the lower rate must not fold
-        taps = signal.firwin(_TAPS, 0.9 * rate / own, window=('kaiser', 8.0))
+        count_of_taps = 2 * math.ceil(0.5 * _TAPS * own / rate) + 1
+        middle = (USABLE + 0.5) * rate / own
+        taps = signal.firwin(count_of_taps, middle, window=('kaiser', _KAISER))
         values = signal.fftconvolve(values, taps, mode='same')
     up = max(1, math.ceil(_UPSAMPLED * rate / own / 2.0))
     if up > 1:

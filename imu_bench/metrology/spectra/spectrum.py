@@ -38,13 +38,21 @@ __all__ = [
 Floats = npt.NDArray[np.float64]
 
 FLAT = 0.05
-"""A plateau is where the density stays within this of its mean, besides its scatter."""
+"""
+A plateau is where the density stays within this of its mean, besides its scatter: 2.5 % of a noise
+density in unit/√Hz.
+"""
 
 LEVEL = 0.3
-"""The power law of the density on a plateau is no steeper than this, with its error."""
+"""
+The power law of the density on a plateau is no steeper than this, with its error; flicker noise
+has −1, what a low-pass leaves −2.
+"""
 
 _BANDS_PER_DECADE = 12
 _NARROWEST = 0.5 * math.log(2.0)
+"""Narrowest plateau: half an octave, two bands."""
+
 _BIN_CORRELATION = 35.0 / 18.0
 """Sum of squared correlations of neighbouring bins of a Hann window: 1 + 2 (4/9 + 1/36)."""
 
@@ -66,9 +74,9 @@ def equivalent_noise_bandwidth(
 
     Notes
     -----
-    A Butterworth filter of order n passes (pi / 2n) / sin(pi / 2n) times its -3 dB
-    bandwidth: pi/2 = 1.571 for n = 1, 1.111 for n = 2 (A. B. Carlson, Communication
-    Systems, section on noise equivalent bandwidth).
+    A Butterworth filter of order n passes the integral of 1 / (1 + x^2n) over x > 0,
+    (pi / 2n) / sin(pi / 2n), times its -3 dB bandwidth: pi/2 = 1.571 for n = 1, 1.111 for
+    n = 2.
 
     Raises
     ------

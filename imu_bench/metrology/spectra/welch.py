@@ -25,12 +25,16 @@ Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 GROUPS = 63
-"""The median is taken over at most this many averages of successive segments."""
-
+"""
+The median is taken over at most this many averages of successive segments; odd, for a middle.
+"""
 
 SHORTEST = 16
 LONGEST = 1 << 17
+"""Samples of a segment."""
+
 SEGMENTS = 31
+"""Segments at least, where the resolution is not given: a density is then known to 18 %."""
 
 _AT_ONCE = 1 << 20
 
@@ -266,8 +270,9 @@ def _segment_edf(segments: float, length: int, step: int) -> float:
     """
     Return the degrees of freedom of an average of overlapping segments.
 
-    P. D. Welch 1967, IEEE Trans. Audio Electroacoust. AU-15(2):70, the case of overlapping
-    segments: their densities correlate by the squared autocorrelation of the window.
+    P. D. Welch 1967, IEEE Trans. Audio Electroacoust. AU-15(2):70.  Derived here: in white noise
+    densities of segments that overlap correlate by the squared autocorrelation of the window, so
+    the mean of K has (1 + 2 Σ (1 − m/K) ρ_m²)/K of the variance of one.
     """
     correlated = _overlap_correlation(length, step)
     excess = sum(max(0.0, 1.0 - (m + 1) / segments) * r for m, r in enumerate(correlated))
@@ -280,8 +285,8 @@ def _median_factors(freedom: float, groups: int) -> tuple[float, float]:
     Return the bias of the median of `groups` averages (odd), and its degrees of freedom.
 
     Mean and variance of the middle order statistic of chi-squared variables,
-    whose distribution function is Beta distributed: H. A. David and H. N.
-    Nagaraja 2003, Order Statistics, 3rd ed., section 2.1.  For two degrees of
+    whose distribution function is Beta distributed (H. A. David and H. N.
+    Nagaraja 2003, Order Statistics, 3rd ed.).  For two degrees of
     freedom the bias is the alternating harmonic sum of B. Allen et al. 2012,
     Phys. Rev. D 85:122006, appendix B.
     """

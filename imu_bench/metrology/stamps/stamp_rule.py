@@ -16,8 +16,11 @@ GROUPED = 0.25
 
 _HALF = 0.5
 _COARSE = 0.05
+"""Step of the stamps in periods below which they are fine: rounding to it scatters by 1.4 %."""
+
 _STRETCH = 4096
 _RESOLUTIONS = (10**9, 10**8, 10**7, 10**6, 10**5, 10**4)
+"""Steps in ns that are looked for, from a second to 10 µs: decimals of a second in text."""
 
 
 @dataclass(frozen=True)

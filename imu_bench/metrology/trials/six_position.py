@@ -6,10 +6,10 @@ The model is raw = S true + b with a matrix S of scale (diagonal) and misalignme
 a correction is true = S⁻¹ (raw - b).
 
 `six_faces` puts a housing on its six faces (F. Ferraris, U. Grimaldi and M. Parvis 1995,
-"Procedure for effortless in-field calibration of three-axial rate gyro and accelerometers",
-Sensors and Materials 7(5):311): all twelve numbers, in the frame of the housing.
+"Procedure for effortless in-field calibration of three-axis rate gyros and accelerometers",
+Sensors and Materials 7:311): all twelve numbers, in the frame of the housing.
 `any_positions` needs no faces but many positions, for it uses only that gravity has the same
-size in all of them (Tedaldi, Pretto and Menegatti 2014, ICRA, equations 1 to 10): nine numbers,
+size in all of them (Tedaldi, Pretto and Menegatti 2014, ICRA): nine numbers,
 in a frame of the sensor's own.
 """
 
@@ -33,13 +33,16 @@ Floats = npt.NDArray[np.float64]
 AXES = 'xyz'
 FACES = ('+x', '-x', '+y', '-y', '+z', '-z')
 NEAR_FACE = math.radians(30.0)
-"""A position within this angle of an axis is that of a face."""
+"""A position within this angle of an axis is that of a face; no two axes are so near."""
 
 FEWEST_POSITIONS = 12
 """Nine numbers and three to see how well they fit."""
 
 _OBSERVABLE = 1e-3
-"""Least singular value of the fit per position, of parameters in units of g."""
+"""
+Least singular value of the fit per position, of parameters in units of g: 10⁻⁴ g of noise in each
+of n positions would be 0.1/√n g in a parameter.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,10 +25,16 @@ SHORT = 3
 """Blocks whose means show the noise."""
 
 LIMIT = 6.0
-"""A step is a difference beyond so many standard deviations of the noise."""
+"""
+A step is a difference beyond so many standard deviations of the noise, that of two short means; in
+white noise the medians that are compared scatter 0.7 times as much.
+"""
 
 RESTLESS = 5.0
-"""A block is not at rest when its mean or its scatter is so many times off that of its stand."""
+"""
+A block is not at rest when its mean is so many scatters off that of its stand, as one good block
+of 1.7 million is, or its scatter so many times that of its middle.
+"""
 
 
 @dataclass(frozen=True)

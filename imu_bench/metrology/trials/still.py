@@ -23,7 +23,10 @@ QUIET = 0.1
 """Share of the blocks that is still, at least: these show the noise."""
 
 RESTLESS = 3.0
-"""A block scatters so many times as much as the quiet ones when it is not still."""
+"""
+A block scatters so many times as much as the quiet ones when it is not still: one good block in
+ten million of `FEWEST` samples of three axes, fewer of more samples.
+"""
 
 JUMP = 8.0
 """Neighbouring blocks of one position differ by less than so many times their usual scatter."""
@@ -47,9 +50,9 @@ def find_positions(
     Return where a sensor lies still.
 
     As D. Tedaldi, A. Pretto and E. Menegatti 2014, "A robust and easy to implement method for
-    IMU calibration without external equipments", ICRA, section IV-A: still is what scatters
-    little.  The limit is three times the scatter of the quietest tenth of all blocks, for
-    accelerometer and gyroscope each; a block at both ends of a position is left out.
+    IMU calibration without external equipments", ICRA: still is what scatters little.  The limit
+    is three times the scatter of the quietest tenth of all blocks, for accelerometer and
+    gyroscope each; a block at both ends of a position is left out.
 
     Parameters
     ----------

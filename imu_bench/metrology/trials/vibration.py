@@ -20,11 +20,22 @@ from scipy import integrate, special
 Floats = npt.NDArray[np.float64]
 
 MOST_ORDERS = 32
+"""Highest harmonic of a family: beyond, some multiple is near to any tone."""
+
 _PARTS = 8
 _SEGMENTS_PER_PART = 3
+"""Parts in which a tone is found again, and segments that each needs for a spectrum of its own."""
+
 _HIGHEST_DIVISOR = 4
+"""
+The strongest tone is this harmonic at most, as the firing of eight cylinders is of the crank.
+"""
+
 _REACH = 4.0
+"""Bins on either side of a tone that its line reaches, as `tones.LOBE`."""
+
 _LASTING = 0.5
+"""Part of its amplitude that the lower end of the interval of a lasting tone exceeds."""
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,14 @@ Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 CONTRAST = 10.0
-"""A shaken part is at least so many times as strong in power as a quiet one: 10 dB."""
+"""
+A shaken part is at least so many times as strong in power as a quiet one: 10 dB.  Noise alone
+comes apart by 3.1 dB at most (blocks of 16 samples of one axis, 2000 records of 240 blocks).
+"""
 
 _BLOCK_S = 0.5
 _PER_BLOCK = 16
+"""Length of a block, and the fewest samples of one."""
 
 
 @dataclass(frozen=True)
