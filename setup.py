@@ -10,9 +10,7 @@ NAME = 'imu_bench'
 HERE = Path(__file__).resolve().parent
 # a sensor's node exists because its driver file exists
 SENSORS = sorted(
-    path.stem
-    for path in (HERE / NAME / 'drivers').glob('*.py')
-    if path.stem not in ('__init__', 'driver')
+    path.stem for path in (HERE / NAME / 'drivers').glob('*.py') if path.stem != '__init__'
 )
 
 

@@ -12,12 +12,15 @@ from __future__ import annotations
 
 import sys
 import time
+from typing import Any
 
 from imu_bench.nodes import qos
 from msg_conversions import covariance
 from msg_conversions.templates import ImuTemplate
 import numpy as np
 import rclpy
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.task import Future
 from sensor_msgs.msg import Imu
 
 BLOCK_S = 0.02
@@ -33,13 +36,17 @@ def main(topic: str, rate_hz: float, seconds: float) -> int:
     """Publish; see the module."""
     rclpy.init(args=[])
     node = rclpy.create_node('imu_publisher')
-    publisher = node.create_publisher(Imu, topic, qos.keep_last(int(rate_hz), 'reliable'))
-    deadline = time.monotonic() + PATIENCE_S
-    while publisher.get_subscription_count() == 0:
-        if time.monotonic() > deadline:
-            print(f'nobody subscribed to {topic} within {PATIENCE_S:g} s', file=sys.stderr)
-            return 1
-        time.sleep(0.01)
+    matched: Any = Future()
+    publisher = node.create_publisher(
+        Imu,
+        topic,
+        qos.keep_last(int(rate_hz), 'reliable'),
+        event_callbacks=PublisherEventCallbacks(matched=matched.set_result),
+    )
+    rclpy.spin_until_future_complete(node, matched, timeout_sec=PATIENCE_S)
+    if not matched.done():
+        print(f'nobody subscribed to {topic} within {PATIENCE_S:g} s', file=sys.stderr)
+        return 1
     template = ImuTemplate(
         'imu_link',
         acceleration_covariance=covariance.UNKNOWN,

@@ -8,7 +8,7 @@ from pathlib import Path
 import subprocess
 import threading
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 _WATCH_S = 0.05
 
@@ -20,7 +20,7 @@ class Measured(NamedTuple):
     peak: int
 
 
-def run(command: Sequence[str], *, watched: bool = True, **options: object) -> Measured:
+def run(command: Sequence[str], *, watched: bool = True, **options: Any) -> Measured:
     """
     Run a program; raise if it fails.
 
@@ -28,7 +28,7 @@ def run(command: Sequence[str], *, watched: bool = True, **options: object) -> M
     counts once.  Whoever is watched is a little slower; the memory is 0 for others.
     """
     start = time.perf_counter()
-    process = subprocess.Popen(command, **options)  # type: ignore[call-overload]
+    process = subprocess.Popen(command, **options)
     peak = 0
     done = threading.Event()
 

@@ -16,6 +16,7 @@ Run as ``python -m benchmarks.bench [seconds] [bench]``.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 import os
 from pathlib import Path
@@ -24,18 +25,16 @@ import sys
 import tempfile
 import time
 
+from imu_bench.acquisition.stats import WINDOW_S
 from imu_bench.bench import load_bench
 from imu_bench.config import BenchConfig
 from imu_bench.config.location import config_file
-from imu_bench.nodes.bench_monitor import BenchMonitor
+from imu_bench.nodes.bench_monitor import BenchMonitor, SensorView
 from imu_bench.nodes.processes import BenchProcesses
 import yaml
 
 SECONDS = 60.0
 BENCH = 'all_eight'
-SETTLING_S = 12.0
-"""The delivered rate is that of the last 10 s: start-up shall not be among them."""
-
 UP_WITHIN_S = 90.0
 IDLE = """
 import sys, time
@@ -76,15 +75,24 @@ def started(bench: BenchConfig, folder: Path) -> BenchProcesses:
     return processes
 
 
-def wait_until_up(monitor: BenchMonitor, processes: BenchProcesses) -> None:
-    deadline = time.monotonic() + UP_WITHIN_S
-    while not all(view.publishing for view in monitor.sensors.values()):
-        for name, code in processes.ended().items():
-            sys.exit(f'{name} ended with exit code {code}: {processes.last_words(name)}')
-        if time.monotonic() > deadline:
-            silent = [view.name for view in monitor.sensors.values() if not view.publishing]
-            sys.exit(f'no data within {UP_WITHIN_S:g} s from {", ".join(silent)}')
-        time.sleep(0.2)
+def wait_until_settled(monitor: BenchMonitor, processes: BenchProcesses) -> None:
+    """Wait until every node speaks of a rate window in which all of them were up already."""
+    wait_for_all(monitor, processes, lambda view: view.publishing)
+    settled_s = time.monotonic() + WINDOW_S
+    wait_for_all(monitor, processes, lambda view: view.heard_s > settled_s)
+
+
+def wait_for_all(
+    monitor: BenchMonitor, processes: BenchProcesses, fine: Callable[[SensorView], bool]
+) -> None:
+    """Wait until every sensor's node has said something; exit if one cannot any more."""
+    views = monitor.sensors.values()
+    monitor.wait_for(lambda: bool(processes.ended()) or all(map(fine, views)), UP_WITHIN_S)
+    for name, code in processes.ended().items():
+        sys.exit(f'{name} ended with exit code {code}: {processes.last_words(name)}')
+    silent = [view.name for view in views if not fine(view)]
+    if silent:
+        sys.exit(f'no data within {UP_WITHIN_S:g} s from {", ".join(silent)}')
 
 
 def cpu_seconds(process_id: int) -> float:
@@ -109,8 +117,7 @@ def main() -> None:
         processes = started(bench, Path(folder))
         try:
             with BenchMonitor(names) as monitor:
-                wait_until_up(monitor, processes)
-                time.sleep(SETTLING_S)
+                wait_until_settled(monitor, processes)
                 before = {name: counts(monitor, name) for name in names}
                 used = {n: cpu_seconds(processes.number(n)) for n in (*names, 'analysis')}
                 began = time.monotonic()
@@ -122,6 +129,8 @@ def main() -> None:
                 share = {
                     n: (cpu_seconds(processes.number(n)) - s) / passed for n, s in used.items()
                 }
+                ended_s = began + passed
+                wait_for_all(monitor, processes, lambda view: view.heard_s > ended_s)
                 report(bench, monitor, before, share, seconds)
                 often, most = map(float, idle.stdout.split())
                 print(f'  a thread that does nothing: {often:.0f} times late, up to {most:.3f} s')

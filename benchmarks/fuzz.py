@@ -130,7 +130,7 @@ def _analyse(folder: Path, path: Path, options: Sequence[str]) -> None:
         sys.addaudithook(_watch(folder))
         outputs = [f'--{kind}={folder / "out" / f"r.{kind}"}' for kind in ('json', 'html')]
         code = imu_bench(['analyze', str(path), '--jobs', '1', *outputs, *options])
-    except BaseException:
+    except BaseException:  # whatever it is, this fork must not go on as its parent does
         sys.excepthook(*sys.exc_info())
     finally:
         sys.stderr.flush()

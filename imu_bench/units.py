@@ -13,7 +13,7 @@ import math
 from imu_bench.errors import UnitError
 
 STANDARD_GRAVITY = 9.80665
-"""m/s², exact: 3rd CGPM (1901), resolution 2."""
+"""m/s², exact: 3rd CGPM (1901)."""
 
 DEGREE = math.pi / 180.0
 """rad."""
@@ -31,84 +31,80 @@ _ACCELERATION = {
     'µg': 1e-6 * STANDARD_GRAVITY,
 }
 _RATE = {'rad/s': 1.0, 'mrad/s': 1e-3, '°/s': DEGREE, 'm°/s': 1e-3 * DEGREE, '°/h': DEGREE / HOUR}
-
-
-def _dimensions() -> dict[str, dict[str, float]]:
-    root_hour = math.sqrt(HOUR)
-    return {
-        'number': {'1': 1.0, '%': 1e-2, 'ppm': 1e-6},
-        'level': {'dB': 1.0},
-        'acceleration': _ACCELERATION,
-        'angular velocity': _RATE,
-        'velocity': {'m/s': 1.0, 'mm/s': 1e-3},
-        'angle': {'rad': 1.0, '°': DEGREE, 'arcsec': DEGREE / 3600.0},
-        'length': {'m': 1.0, 'mm': 1e-3, 'µm': 1e-6},
-        'time': {'s': 1.0, 'ms': 1e-3, 'µs': 1e-6, 'ns': 1e-9, 'min': 60.0, 'h': HOUR},
-        'frequency': {'Hz': 1.0, 'kHz': 1e3, 'rpm': 1.0 / 60.0},
-        'sweep rate': {'oct/s': 1.0, 'oct/min': 1.0 / 60.0},
-        'temperature': {'°C': 1.0},
-        'temperature difference': {'K': 1.0, 'mK': 1e-3},
-        'temperature density': {'K/√Hz': 1.0, 'mK/√Hz': 1e-3},
-        'temperature rate': {'K/s': 1.0, 'K/min': 1.0 / 60.0, 'K/h': 1.0 / HOUR},
-        'magnetic field': {'T': 1.0, 'µT': 1e-6, 'G': GAUSS, 'mG': 1e-3 * GAUSS},
-        # N: white noise, angle and velocity random walk
-        'acceleration density': {f'{unit}/√Hz': f for unit, f in _ACCELERATION.items()}
-        | {'m/s/√s': 1.0, 'm/s/√h': 1.0 / root_hour},
-        'angular velocity density': {f'{unit}/√Hz': f for unit, f in _RATE.items()}
-        | {'rad/√s': 1.0, '°/√s': DEGREE, '°/√h': DEGREE / root_hour},
-        'magnetic field density': {'T/√Hz': 1.0, 'µT/√Hz': 1e-6, 'mG/√Hz': 1e-3 * GAUSS},
-        # K: rate random walk
-        'acceleration walk': {
-            'm/s³/√Hz': 1.0,
-            'm/s²/√s': 1.0,
-            'm/s²/√h': 1.0 / root_hour,
-            'µg/√s': 1e-6 * STANDARD_GRAVITY,
-            'µg/√h': 1e-6 * STANDARD_GRAVITY / root_hour,
-        },
-        'angular velocity walk': {
-            'rad/s²/√Hz': 1.0,
-            'rad/s/√s': 1.0,
-            '°/h/√h': DEGREE / HOUR / root_hour,
-            '°/s/√h': DEGREE / root_hour,
-        },
-        # R: ramp
-        'acceleration ramp': {'m/s³': 1.0, 'mg/h': 1e-3 * STANDARD_GRAVITY / HOUR},
-        'angular velocity ramp': {'rad/s²': 1.0, '°/h²': DEGREE / HOUR**2},
-        # power spectral density, one-sided where the caller says so
-        'acceleration power density': {'(m/s²)²/Hz': 1.0, 'g²/Hz': STANDARD_GRAVITY**2},
-        'angular velocity power density': {'(rad/s)²/Hz': 1.0, '(°/s)²/Hz': DEGREE**2},
-        'acceleration temperature coefficient': {'m/s²/K': 1.0, 'mg/K': 1e-3 * STANDARD_GRAVITY},
-        'angular velocity temperature coefficient': {
-            'rad/s/K': 1.0,
-            '°/s/K': DEGREE,
-            'm°/s/K': 1e-3 * DEGREE,
-        },
-        'magnetic field temperature coefficient': {'T/K': 1.0, 'µT/K': 1e-6},
-        'relative temperature coefficient': {'1/K': 1.0, '%/K': 1e-2, 'ppm/K': 1e-6},
-        'sensitivity of angular velocity to acceleration': {
-            'rad/s/(m/s²)': 1.0,
-            '°/s/g': DEGREE / STANDARD_GRAVITY,
-            'm°/s/g': 1e-3 * DEGREE / STANDARD_GRAVITY,
-            '°/h/g': DEGREE / HOUR / STANDARD_GRAVITY,
-        },
-        'vibration rectification of acceleration': {
-            'm/s²/(m/s²)²': 1.0,
-            'mg/g²': 1e-3 / STANDARD_GRAVITY,
-            'µg/g²': 1e-6 / STANDARD_GRAVITY,
-        },
-        'vibration rectification of angular velocity': {
-            'rad/s/(m/s²)²': 1.0,
-            'm°/s/g²': 1e-3 * DEGREE / STANDARD_GRAVITY**2,
-            '°/h/g²': DEGREE / HOUR / STANDARD_GRAVITY**2,
-        },
-        'acceleration squared': {'(m/s²)²': 1.0, 'g²': STANDARD_GRAVITY**2},
-        'angular velocity squared': {'(rad/s)²': 1.0, '(°/s)²': DEGREE**2},
-    }
-
+_ROOT_HOUR = math.sqrt(HOUR)
+_DIMENSIONS: dict[str, dict[str, float]] = {
+    'number': {'1': 1.0, '%': 1e-2, 'ppm': 1e-6},
+    'level': {'dB': 1.0},
+    'acceleration': _ACCELERATION,
+    'angular velocity': _RATE,
+    'velocity': {'m/s': 1.0, 'mm/s': 1e-3},
+    'angle': {'rad': 1.0, '°': DEGREE, 'arcsec': DEGREE / 3600.0},
+    'length': {'m': 1.0, 'mm': 1e-3, 'µm': 1e-6},
+    'time': {'s': 1.0, 'ms': 1e-3, 'µs': 1e-6, 'ns': 1e-9, 'min': 60.0, 'h': HOUR},
+    'frequency': {'Hz': 1.0, 'kHz': 1e3, 'rpm': 1.0 / 60.0},
+    'sweep rate': {'oct/s': 1.0, 'oct/min': 1.0 / 60.0},
+    'temperature': {'°C': 1.0},
+    'temperature difference': {'K': 1.0, 'mK': 1e-3},
+    'temperature density': {'K/√Hz': 1.0, 'mK/√Hz': 1e-3},
+    'temperature rate': {'K/s': 1.0, 'K/min': 1.0 / 60.0, 'K/h': 1.0 / HOUR},
+    'magnetic field': {'T': 1.0, 'µT': 1e-6, 'G': GAUSS, 'mG': 1e-3 * GAUSS},
+    # N: white noise, angle and velocity random walk
+    'acceleration density': {f'{unit}/√Hz': f for unit, f in _ACCELERATION.items()}
+    | {'m/s/√s': 1.0, 'm/s/√h': 1.0 / _ROOT_HOUR},
+    'angular velocity density': {f'{unit}/√Hz': f for unit, f in _RATE.items()}
+    | {'rad/√s': 1.0, '°/√s': DEGREE, '°/√h': DEGREE / _ROOT_HOUR},
+    'magnetic field density': {'T/√Hz': 1.0, 'µT/√Hz': 1e-6, 'mG/√Hz': 1e-3 * GAUSS},
+    # K: rate random walk
+    'acceleration walk': {
+        'm/s³/√Hz': 1.0,
+        'm/s²/√s': 1.0,
+        'm/s²/√h': 1.0 / _ROOT_HOUR,
+        'µg/√s': 1e-6 * STANDARD_GRAVITY,
+        'µg/√h': 1e-6 * STANDARD_GRAVITY / _ROOT_HOUR,
+    },
+    'angular velocity walk': {
+        'rad/s²/√Hz': 1.0,
+        'rad/s/√s': 1.0,
+        '°/h/√h': DEGREE / HOUR / _ROOT_HOUR,
+        '°/s/√h': DEGREE / _ROOT_HOUR,
+    },
+    # R: ramp
+    'acceleration ramp': {'m/s³': 1.0, 'mg/h': 1e-3 * STANDARD_GRAVITY / HOUR},
+    'angular velocity ramp': {'rad/s²': 1.0, '°/h²': DEGREE / HOUR**2},
+    # power spectral density, one-sided where the caller says so
+    'acceleration power density': {'(m/s²)²/Hz': 1.0, 'g²/Hz': STANDARD_GRAVITY**2},
+    'angular velocity power density': {'(rad/s)²/Hz': 1.0, '(°/s)²/Hz': DEGREE**2},
+    'acceleration temperature coefficient': {'m/s²/K': 1.0, 'mg/K': 1e-3 * STANDARD_GRAVITY},
+    'angular velocity temperature coefficient': {
+        'rad/s/K': 1.0,
+        '°/s/K': DEGREE,
+        'm°/s/K': 1e-3 * DEGREE,
+    },
+    'magnetic field temperature coefficient': {'T/K': 1.0, 'µT/K': 1e-6},
+    'relative temperature coefficient': {'1/K': 1.0, '%/K': 1e-2, 'ppm/K': 1e-6},
+    'sensitivity of angular velocity to acceleration': {
+        'rad/s/(m/s²)': 1.0,
+        '°/s/g': DEGREE / STANDARD_GRAVITY,
+        'm°/s/g': 1e-3 * DEGREE / STANDARD_GRAVITY,
+        '°/h/g': DEGREE / HOUR / STANDARD_GRAVITY,
+    },
+    'vibration rectification of acceleration': {
+        'm/s²/(m/s²)²': 1.0,
+        'mg/g²': 1e-3 / STANDARD_GRAVITY,
+        'µg/g²': 1e-6 / STANDARD_GRAVITY,
+    },
+    'vibration rectification of angular velocity': {
+        'rad/s/(m/s²)²': 1.0,
+        'm°/s/g²': 1e-3 * DEGREE / STANDARD_GRAVITY**2,
+        '°/h/g²': DEGREE / HOUR / STANDARD_GRAVITY**2,
+    },
+    'acceleration squared': {'(m/s²)²': 1.0, 'g²': STANDARD_GRAVITY**2},
+    'angular velocity squared': {'(rad/s)²': 1.0, '(°/s)²': DEGREE**2},
+}
 
 _TABLE = {
     unit: (dimension, factor)
-    for dimension, units in _dimensions().items()
+    for dimension, units in _DIMENSIONS.items()
     for unit, factor in units.items()
 }
 
@@ -208,19 +204,6 @@ _SI_OF_TERM = {
     'rad/s': {'Q': 'rad', 'N': 'rad/s/√Hz', 'B': 'rad/s', 'K': 'rad/s²/√Hz', 'R': 'rad/s²'},
 }
 
-_DATASHEET = {
-    'm/s²': 'mg',
-    'rad/s': '°/h',
-    'm/s²/√Hz': 'µg/√Hz',
-    'rad/s/√Hz': '°/s/√Hz',
-    'm/s³/√Hz': 'µg/√h',
-    'rad/s²/√Hz': '°/h/√h',
-    'm/s³': 'mg/h',
-    'rad/s²': '°/h²',
-    'm/s': 'm/s',
-    'rad': 'arcsec',
-}
-
 
 def term_unit(unit: str, term: str) -> str:
     """
@@ -243,15 +226,3 @@ def term_unit(unit: str, term: str) -> str:
             f'no unit for coefficient {term!r} of a signal in {unit!r}; '
             'signals are m/s² or rad/s, coefficients Q, N, B, K, R'
         ) from None
-
-
-def datasheet_unit(unit: str) -> str:
-    """
-    Return the unit in which datasheets give a quantity; the unit itself if there is no habit.
-
-    Examples
-    --------
-    >>> datasheet_unit('m/s²/√Hz')
-    'µg/√Hz'
-    """
-    return _DATASHEET.get(unit, unit)

@@ -17,7 +17,6 @@ class Wiring:
         7 bit, the usual one first.  Empty: not on I²C.
     i2c_increment : int
         Bit set in the register address of a burst, such as 0x80.
-    i2c_max_hz : int
     i2c_stretches : bool
         It holds the clock low while it is not ready.
     spi_mode : int
@@ -35,13 +34,12 @@ class Wiring:
 
     Examples
     --------
-    >>> Wiring(i2c_addresses=(0x1E,), i2c_increment=0x80).i2c_max_hz
-    400000
+    >>> Wiring(i2c_addresses=(0x1E,), i2c_increment=0x80).spi_max_hz
+    0
     """
 
     i2c_addresses: tuple[int, ...] = ()
     i2c_increment: int = 0
-    i2c_max_hz: int = 400_000
     i2c_stretches: bool = False
     spi_mode: int = 0
     spi_max_hz: int = 0

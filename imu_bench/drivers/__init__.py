@@ -13,8 +13,6 @@ from pkgutil import iter_modules
 from imu_bench.drivers.driver import Driver
 from imu_bench.errors import ConfigError
 
-_NOT_A_SENSOR = 'driver'
-
 
 def names() -> list[str]:
     """
@@ -25,7 +23,7 @@ def names() -> list[str]:
     >>> 'mpu9250' in names()
     True
     """
-    return sorted(module.name for module in iter_modules(__path__) if module.name != _NOT_A_SENSOR)
+    return sorted(module.name for module in iter_modules(__path__) if not module.ispkg)
 
 
 def load(name: str) -> type[Driver]:

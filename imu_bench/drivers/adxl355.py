@@ -143,6 +143,7 @@ class Adxl355(FifoDriver):
         overrun=fifo_overrun, rate=sample_rate, runs=(mode, 'measurement'), low_pass=0.25,
         marks=bytes([0, 0, TAG, 0, 0, 0, 0, 0, 0]), empty=bytes([0, 0, EMPTY]),
     )
+    depth = fifo.depth
 
     # --- settings ------------------------------------------------------------------------
     settings = (
@@ -151,7 +152,7 @@ class Adxl355(FifoDriver):
         choice('accelerometer_range', accelerometer_range, 2.0, 'Full scale.'),
     )
     # fmt: on
-    counter_names = ('fifo_overflows', 'tag_errors', 'repeated_resets')
+    counter_names = ('tag_errors', 'repeated_resets')
 
     # --- sequences -----------------------------------------------------------------------
     reset_steps = (
@@ -190,16 +191,6 @@ class Adxl355(FifoDriver):
         super().__init__(bus, clock, settings)
         self._shadow: bytes | None = None
         self._heard_ns = self._valid_ns = 0
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the nominal output data rate."""
-        return float(self.values['rate_hz'])
-
-    @property
-    def poll_period_s(self) -> float:
-        """Return a quarter of the FIFO."""
-        return min(self.fifo.depth / 4 / self.rate_hz, 0.25)
 
     def assignments(self) -> dict[Any, Value]:
         """Return the settings, without a high-pass."""
@@ -276,7 +267,7 @@ class Adxl355(FifoDriver):
                 f'{self._wires[""].name}: FIFO entries without the tag of their axis; the FIFO '
                 'will be emptied'
             )
-        return self.fifo.frame.unpack(data)['acceleration']
+        return self.fifo.frame.unpack(data)
 
     def _samples(self, words: np.ndarray, temperature: int, latched: int) -> list[Samples]:
         """Return what was measured after the sensor had turned on."""
@@ -285,7 +276,5 @@ class Adxl355(FifoDriver):
             words, stamps = words[stamps >= self._valid_ns], stamps[stamps >= self._valid_ns]
         if not len(stamps):
             return []
-        self.counters['saturated'] += int(self.acceleration.saturated(words).sum())
-        acceleration = self.acceleration.decode(words, self.values['accelerometer_range'])
         celsius = self.temperature.decode(np.full(len(stamps), temperature))
-        return [Samples(stamps, acceleration, temperature=celsius)]
+        return [Samples(stamps, **self.decode(words, self.acceleration), temperature=celsius)]

@@ -179,7 +179,7 @@ class Bno055(PolledDriver):
         choice('magnetometer_mode', magnetometer_mode, 'regular', 'Noise; set by fusion.'),
         Setting('external_crystal', False, 'A crystal of 32 kHz is fitted; use it.'),
     )
-    counter_names = (*PolledDriver.counter_names, 'implausible', 'system_errors', 'uncalibrated',
+    counter_names = ('implausible', 'system_errors', 'uncalibrated',
                      'uart_errors', 'garbage_bytes')
     # fmt: on
 
@@ -243,10 +243,10 @@ class Bno055(PolledDriver):
         force, field, turn = self.acceleration, self.magnetic_field, self.angular_velocity
         parts = (('A', force), ('G', turn))
         self._measured = {c.quantity: c for letter, c in parts if letter in MEASURED[mode]}
-        self._rates_hz = {'temperature': 1.0}
+        self.rates_hz = {'temperature': 1.0}
         if 'M' in MEASURED[mode]:
             as_set = float(self.values['magnetometer_rate_hz'])
-            self._rates_hz['magnetic_field'] = FIELD_HZ.get(mode, as_set)
+            self.rates_hz['magnetic_field'] = FIELD_HZ.get(mode, as_set)
         self._frame = Frame(force, field, turn, *((self.orientation,) if self._fused else ()))
         self._field = b''
         self._begun_ns = self._kept_ns = 0
@@ -258,16 +258,6 @@ class Bno055(PolledDriver):
             wire = self._uart = UartRegisters(wire, self.clock, self.counters, silent)
         self._pages = BankedBus(wire, self.PAGE_ID.address)
         return {'': self._pages}
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the nominal output data rate."""
-        return float(self.values['rate_hz'])
-
-    @property
-    def rates_hz(self) -> Mapping[str, float]:
-        """Return the nominal rates of what comes more slowly."""
-        return self._rates_hz
 
     def assignments(self) -> dict[Any, Value]:
         """Return units, range and, without fusion, filters; the mode is set last."""
@@ -367,20 +357,13 @@ class Bno055(PolledDriver):
         # zero is not measured yet, unless it stays so
         if words != self._field and (field.any() or after - self._begun_ns > HOUSEKEEPING_NS):
             self._field = words
-            if 'magnetic_field' in self._rates_hz:
+            if 'magnetic_field' in self.rates_hz:
                 si = self.magnetic_field.decode(field)
                 runs.append(Samples(np.array([after]), magnetic_field=si))
         return runs
 
     def _sample(self, rows: np.ndarray, stamps: np.ndarray) -> Samples:
-        range_ = self.values['accelerometer_range']
-        clipped = self.acceleration.saturated(rows['acceleration'], range_)
-        clipped |= self.angular_velocity.saturated(rows['angular_velocity'])
-        self.counters['saturated'] += int(clipped.sum())
-        columns: dict[str, Any] = {
-            name: channel.decode(rows[name], range_ if channel.scaled_by else None)
-            for name, channel in self._measured.items()
-        }
+        columns = self.decode(rows, *self._measured.values())
         if self._fused:
             columns['orientation'] = self.orientation.decode(rows['orientation'])
         return Samples(stamps, **columns)

@@ -50,7 +50,7 @@ class Iim42652(FifoDriver):
     bus_kinds = ('i2c', 'spi')
     wiring: ClassVar[Mapping[str, Wiring]] = {
         # DS sections 9.3, 9.6
-        '': Wiring(i2c_addresses=(0x68, 0x69), i2c_max_hz=1_000_000, spi_max_hz=24_000_000),
+        '': Wiring(i2c_addresses=(0x68, 0x69), spi_max_hz=24_000_000),
     }
 
     # --- register map (DS section 13) ----------------------------------------------------
@@ -200,7 +200,7 @@ class Iim42652(FifoDriver):
         choice('fifo_bits', fifo_bits, 16, 'Bits per sample; 20 at 16 g and 2000 °/s only.'),
     )
     # fmt: on
-    counter_names = ('fifo_overflows', 'packets_lost', 'header_errors', 'invalid')
+    counter_names = ('packets_lost', 'header_errors', 'invalid')
 
     # --- sequences (DS section 12) -------------------------------------------------------
     reset_steps = (
@@ -258,6 +258,7 @@ class Iim42652(FifoDriver):
         super().__init__(bus, clock, settings)
         self._bits = int(self.values['fifo_bits'])
         self._packet_bytes = fifo_packets.PACKETS[self._bits].itemsize
+        self.depth = FIFO_BYTES // self._packet_bytes
         # 16 bits of 1 µs wrap before a sample at 12.5 Hz is over
         self._tick_us = 1 if self.rate_hz >= 500.0 else 16
         self._continuity = fifo_packets.Continuity(self.rate_hz, self._tick_us)
@@ -278,16 +279,6 @@ class Iim42652(FifoDriver):
         """Return the registers with their banks."""
         self._banks = BankedBus(wires[''], self.REG_BANK_SEL.address)
         return {'': self._banks}
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the nominal output data rate."""
-        return float(self.values['rate_hz'])
-
-    @property
-    def poll_period_s(self) -> float:
-        """Return a quarter of the FIFO."""
-        return min(FIFO_BYTES // self._packet_bytes / 4 / self.rate_hz, 0.25)
 
     def assignments(self) -> dict[Any, Value]:
         """Return the settings, and what the stream needs."""
@@ -368,24 +359,21 @@ class Iim42652(FifoDriver):
             packets, stamps = packets[~invalid], stamps[~invalid]
         if not len(packets):
             return []
-        acceleration, rotation, clipped = self._decoded(packets)
-        self.counters['saturated'] += int(clipped.sum())
+        columns = self._decoded(packets)
         # the FIFO has 8 bits of the temperature only
         word = np.frombuffer(self.registers.burst(self.TEMP_DATA), dtype='>i2')
         measured = word[0] != fifo_packets.INVALID
         temperature = np.repeat(self.temperature.decode(word), len(stamps)) if measured else None
-        return [Samples(stamps, acceleration, rotation, temperature=temperature)]
+        return [Samples(stamps, **columns, temperature=temperature)]
 
-    def _decoded(self, packets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return acceleration and angular velocity in SI, and which samples are at a limit."""
-        if self._bits == 20:
-            fine, turn = fifo_packets.words_20(packets)
-            largest = np.maximum(np.abs(fine), np.abs(turn)).max(axis=1)
-            clipped = largest >= fifo_packets.LIMIT_20
-            return fine * ACCELERATION_20, turn * ANGULAR_VELOCITY_20, clipped
-        acceleration, rotation = packets['acceleration'], packets['angular_velocity']
-        return (
-            self.acceleration.decode(acceleration, self.values['accelerometer_range']),
-            self.angular_velocity.decode(rotation, self.values['gyroscope_range']),
-            self.acceleration.saturated(acceleration) | self.angular_velocity.saturated(rotation),
-        )
+    def _decoded(self, packets: np.ndarray) -> dict[str, np.ndarray]:
+        """Return acceleration and angular velocity in SI; count the samples at a limit."""
+        if self._bits == 16:
+            return self.decode(packets, self.acceleration, self.angular_velocity)
+        fine, turn = fifo_packets.words_20(packets)
+        largest = np.maximum(np.abs(fine), np.abs(turn)).max(axis=1)
+        self.counters['saturated'] += int((largest >= fifo_packets.LIMIT_20).sum())
+        return {
+            'acceleration': fine * ACCELERATION_20,
+            'angular_velocity': turn * ANGULAR_VELOCITY_20,
+        }

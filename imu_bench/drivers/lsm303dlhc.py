@@ -17,9 +17,9 @@ from typing import Any, ClassVar
 
 from imu_bench.bus.interface import Clock
 from imu_bench.bus.lookout import Lookout
-from imu_bench.bus.slots import SlotFifo, Slots
+from imu_bench.bus.slots import SlotFifo
 from imu_bench.bus.wiring import Wiring
-from imu_bench.drivers.driver import choice, Driver, Identity, Setting, Typical, Witness
+from imu_bench.drivers.driver import choice, Identity, Setting, SlotDriver, Typical, Witness
 from imu_bench.errors import BusError
 from imu_bench.registers import (
     Codes,
@@ -50,7 +50,7 @@ def _field_lsb(gain_xy: float, gain_z: float) -> tuple[float, float, float]:
     return GAUSS / gain_xy, GAUSS / gain_z, GAUSS / gain_xy
 
 
-class Lsm303dlhc(Driver):
+class Lsm303dlhc(SlotDriver):
     """ST LSM303DLHC, FIFO bursts, through I²C."""
 
     # --- document and identity -----------------------------------------------------------
@@ -157,6 +157,7 @@ class Lsm303dlhc(Driver):
         first=TEMP_OUT_M, quantity='temperature', unit='°C', dtype='>i2', shift=4,
         si_per_lsb=1 / 8, offset=TEMPERATURE_ZERO,
     )
+    depth = SLOTS
 
     # --- settings ------------------------------------------------------------------------
     settings = (
@@ -172,7 +173,7 @@ class Lsm303dlhc(Driver):
                 bounds=(-100.0, 100.0), unit='°C'),
     )
     # fmt: on
-    counter_names = ('fifo_overflows', 'magnetometer_lost', 'magnetometer_overflows')
+    counter_names = ('magnetometer_lost', 'magnetometer_overflows')
 
     # --- sequences (a reboot reloads the trim and leaves the control registers) -------------
     reset_steps = (
@@ -233,34 +234,23 @@ class Lsm303dlhc(Driver):
     # --- the stream ----------------------------------------------------------------------
     def __init__(self, bus: Any, clock: Clock, settings: Mapping[str, object]) -> None:
         super().__init__(bus, clock, settings)
-        self._fifo = SlotFifo(
+        self.fifo = SlotFifo(
             self.registers, clock, self.counters, control=self.FIFO_CTRL_REG_A,
             running=self.fifo_mode.insert(0, 'stream'),
             level=self.fifo_level, overrun=self.fifo_overrun, first=self.OUT_A,
-            frame=Frame(self.acceleration), depth=SLOTS, rate_hz=self.rate_hz,
+            frame=Frame(self.acceleration), depth=self.depth, rate_hz=self.rate_hz,
         )  # fmt: skip
         self._field = Lookout(clock, float(self.values['magnetometer_rate_hz']))
         self._field_frame = Frame(self.magnetic_field)
         rate = self._field.rate_hz
-        self._rates_hz = {'magnetic_field': rate, 'temperature': rate} if rate else {}
-        self._poll_s = min(SLOTS / 4 / self.rate_hz, 0.5 / rate if rate else 0.25, 0.25)
+        self.rates_hz = {'magnetic_field': rate, 'temperature': rate} if rate else {}
         self._last_field = b''
         self._ready_stays = False
 
     @property
-    def rate_hz(self) -> float:
-        """Return the nominal output data rate."""
-        return float(self.values['rate_hz'])
-
-    @property
-    def rates_hz(self) -> Mapping[str, float]:
-        """Return the nominal rates of magnetometer and thermometer."""
-        return self._rates_hz
-
-    @property
     def poll_period_s(self) -> float:
         """Return a quarter of the FIFO, or half a period of the magnetometer, which is a limit."""
-        return self._poll_s
+        return min(super().poll_period_s, *(0.5 / rate for rate in self.rates_hz.values()), 0.25)
 
     def assignments(self) -> dict[Any, Value]:
         """Return the settings, and everything that must be as the stream needs it."""
@@ -287,7 +277,7 @@ class Lsm303dlhc(Driver):
 
     def configure_parts(self) -> None:
         """Throw the first samples away; find out whether reading clears the ready flag."""
-        self._fifo.skip = TURN_ON
+        self.fifo.skip = TURN_ON
         if self._field.rate_hz:
             timeout_s = 0.1 + 3 / self._field.rate_hz
             self.registers.run((Until(self.magnetometer_ready, 1, timeout_s),))
@@ -301,30 +291,20 @@ class Lsm303dlhc(Driver):
     def start(self) -> None:
         """Empty the FIFO and start it."""
         super().start()
-        self._fifo.begin()
         self._field.begin()
 
     def read(self) -> list[Samples]:
         """Return everything new; after an overrun what is left of it, as a new beginning."""
-        if self._fifo.torn or not self.configured:
-            self.restart()
-        slots = self._fifo.take()
+        slots = self.take()
         if slots is None:
-            self.restart()
             return []
-        self.counters['fifo_overflows'] += slots.overrun
-        self.continuity += slots.gap
-        runs = [self._accelerations(slots)] if len(slots.words) else []
+        runs: list[Samples] = []
+        if len(slots.words):
+            runs.append(Samples(slots.stamps, **self.decode(slots.words, self.acceleration)))
         if self._field.rate_hz:
             with suppress(BusError):  # counted by the bus; what the FIFO gave is delivered
                 runs += self._read_field()
         return runs
-
-    def _accelerations(self, slots: Slots) -> Samples:
-        words = slots.words['acceleration']
-        self.counters['saturated'] += int(self.acceleration.saturated(words).sum())
-        range_ = self.values['accelerometer_range']
-        return Samples(slots.stamps, self.acceleration.decode(words, range_))
 
     def _read_field(self) -> list[Samples]:
         """Return field and temperature if they are new; find out why if not for long."""
@@ -344,12 +324,10 @@ class Lsm303dlhc(Driver):
         """Return a sample of both, none if the field was too strong."""
         stamps = self._field.found()
         self.counters['magnetometer_lost'] = self._field.lost
-        words = self._field_frame.unpack(data)['magnetic_field']
-        if (words == OVERFLOW).any():
+        words = self._field_frame.unpack(data)
+        if (words['magnetic_field'] == OVERFLOW).any():
             self.counters['magnetometer_overflows'] += 1
             return []
-        self.counters['saturated'] += int(self.magnetic_field.saturated(words).sum())
-        field = self.magnetic_field.decode(words, self.values['magnetometer_range'])
         degrees = self.temperature.decode(np.frombuffer(warmth, self.temperature.dtype))
         degrees += float(self.values['temperature_zero']) - TEMPERATURE_ZERO
-        return [Samples(stamps, magnetic_field=field, temperature=degrees)]
+        return [Samples(stamps, **self.decode(words, self.magnetic_field), temperature=degrees)]

@@ -15,9 +15,9 @@ from typing import Any, ClassVar
 
 from imu_bench.bus.interface import Clock
 from imu_bench.bus.lookout import Lookout
-from imu_bench.bus.slots import SlotFifo, Slots
+from imu_bench.bus.slots import SlotFifo
 from imu_bench.bus.wiring import Wiring
-from imu_bench.drivers.driver import choice, Driver, Identity, Setting, Typical, Witness
+from imu_bench.drivers.driver import choice, Identity, Setting, SlotDriver, Typical, Witness
 from imu_bench.errors import BusError, ConfigError
 from imu_bench.registers import Codes, Field, Frame, Register, Scalar, Value, Vector, Wait, Write
 from imu_bench.samples import Samples
@@ -39,7 +39,7 @@ LOW_PASS_2: Mapping[float, tuple[float, ...]] = {
 TURN_ON = {14.9: 2, 59.5: 13, 119.0: 13, 238.0: 14, 476.0: 15, 952.0: 18}
 
 
-class Lsm9ds1(Driver):
+class Lsm9ds1(SlotDriver):
     """ST LSM9DS1, FIFO bursts, through I²C or SPI."""
 
     # --- document and identity -----------------------------------------------------------
@@ -176,6 +176,7 @@ class Lsm9ds1(Driver):
         scaled_by=gyroscope_range, axes=((-1, 0, 0), (0, 1, 0), (0, 0, 1)),
         si_per_lsb={245.0: 8.75e-3 * DEGREE, 500.0: 17.5e-3 * DEGREE, 2000.0: 70e-3 * DEGREE},
     )
+    # Linux (st_magn) has 0.146, 0.292, 0.438 and 0.584 mG, which DS seems to have cut off
     magnetic_field = Vector(
         first=OUT_M, quantity='magnetic_field', unit='T', dtype='<i2',
         scaled_by=magnetometer_range,
@@ -186,6 +187,7 @@ class Lsm9ds1(Driver):
         first=OUT_TEMP, quantity='temperature', unit='°C', dtype='<i2', si_per_lsb=1 / 16,
         offset=25.0, limits=(-2048, 2047),
     )
+    depth = SLOTS
 
     # --- settings ------------------------------------------------------------------------
     settings = (
@@ -204,7 +206,7 @@ class Lsm9ds1(Driver):
         choice('magnetometer_quality', magnetometer_quality, 'ultra-high', 'Noise, for current.'),
     )
     # fmt: on
-    counter_names = ('fifo_overflows', 'magnetometer_lost')
+    counter_names = ('magnetometer_lost',)
 
     # --- sequences (DS section 3.5; no document gives the time of a reset) ------------------
     reset_steps = (Write({CTRL_REG8: 0x05}), Wait(0.01, "as in Adafruit's driver"))
@@ -255,19 +257,17 @@ class Lsm9ds1(Driver):
     def __init__(self, bus: Any, clock: Clock, settings: Mapping[str, object]) -> None:
         super().__init__(bus, clock, settings)
         self._low_pass_2 = self._low_pass_code()
-        self._fifo = SlotFifo(
+        self.fifo = SlotFifo(
             self.registers, clock, self.counters, control=self.FIFO_CTRL,
             running=self.fifo_mode.insert(0, 'continuous'), level=self.fifo_level,
-            overrun=self.fifo_overrun, first=self.OUT_G, depth=SLOTS, rate_hz=self.rate_hz,
+            overrun=self.fifo_overrun, first=self.OUT_G, depth=self.depth, rate_hz=self.rate_hz,
             frame=Frame(self.angular_velocity, self.acceleration),
         )  # fmt: skip
         self._field_frame = Frame(self.STATUS_REG_M, self.magnetic_field)
         self._field = Lookout(clock, float(self.values['magnetometer_rate_hz']))
         self._warmth = Lookout(clock, min(TEMPERATURE_HZ, self.rate_hz))
         rates = {'temperature': self._warmth.rate_hz, 'magnetic_field': self._field.rate_hz}
-        self._rates_hz = {quantity: rate for quantity, rate in rates.items() if rate}
-        beside = (max(0.8 / r - 1 / self.rate_hz, 0.6 / r) for r in self._rates_hz.values())
-        self._poll_s = min(SLOTS / 4 / self.rate_hz, *beside, 0.25)
+        self.rates_hz = {quantity: rate for quantity, rate in rates.items() if rate}
 
     def _low_pass_code(self) -> int | None:
         """Return BW_G for the second low-pass, None without it."""
@@ -279,21 +279,6 @@ class Lsm9ds1(Driver):
                 f'{self.rate_hz:g}; allowed: {allowed} Hz'
             )
         return offered.index(wanted) if wanted else None
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the nominal output data rate."""
-        return float(self.values['rate_hz'])
-
-    @property
-    def rates_hz(self) -> Mapping[str, float]:
-        """Return the nominal rates of temperature and magnetometer."""
-        return self._rates_hz
-
-    @property
-    def poll_period_s(self) -> float:
-        """Return a quarter of the FIFO, or what reads each field though acquisition varies it."""
-        return self._poll_s
 
     def identify(self) -> str:
         """Return the name of the part; a magnetometer that is off is not asked."""
@@ -339,42 +324,28 @@ class Lsm9ds1(Driver):
 
     def configure_parts(self) -> None:
         """Remember that the first samples are no good."""
-        self._fifo.skip = TURN_ON[self.rate_hz]
+        self.fifo.skip = TURN_ON[self.rate_hz]
 
     def start(self) -> None:
         """Empty the FIFO and start it."""
         super().start()
-        self._fifo.begin()
         self._field.begin()
         self._warmth.begin()
 
     def read(self) -> list[Samples]:
         """Return everything new; after an overrun what is left of it, as a new beginning."""
-        if self._fifo.torn or not self.configured:
-            self.restart()
-        slots = self._fifo.take()
+        slots = self.take()
         if slots is None:
-            self.restart()
             return []
-        self.counters['fifo_overflows'] += slots.overrun
-        self.continuity += slots.gap
-        runs = [self._inertial(slots)] if len(slots.words) else []
+        runs: list[Samples] = []
+        if len(slots.words):
+            inertial = self.decode(slots.words, self.acceleration, self.angular_velocity)
+            runs.append(Samples(slots.stamps, **inertial))
         with suppress(BusError):  # counted by the bus; what came out of the FIFO is delivered
             runs += self._read_temperature()
             if self._field.rate_hz:
                 runs += self._read_field()
         return runs
-
-    def _inertial(self, slots: Slots) -> Samples:
-        acceleration, rotation = slots.words['acceleration'], slots.words['angular_velocity']
-        clipped = self.acceleration.saturated(acceleration)
-        clipped |= self.angular_velocity.saturated(rotation)
-        self.counters['saturated'] += int(clipped.sum())
-        return Samples(
-            slots.stamps,
-            self.acceleration.decode(acceleration, self.values['accelerometer_range']),
-            self.angular_velocity.decode(rotation, self.values['gyroscope_range']),
-        )
 
     def _read_temperature(self) -> list[Samples]:
         status = self.registers.word(self.STATUS_REG)
@@ -391,10 +362,8 @@ class Lsm9ds1(Driver):
         elif data[0] & self.magnetometer_ready.mask:
             stamps = self._field.found(bool(data[0] & self.magnetometer_overrun.mask))
             self.counters['magnetometer_lost'] = self._field.lost
-            words = self._field_frame.unpack(data)['magnetic_field']
-            self.counters['saturated'] += int(self.magnetic_field.saturated(words).sum())
-            field = self.magnetic_field.decode(words, self.values['magnetometer_range'])
-            return [Samples(stamps, magnetic_field=field)]
+            words = self._field_frame.unpack(data)
+            return [Samples(stamps, **self.decode(words, self.magnetic_field))]
         if self._field.silent:
             self.look_after(self._magnetometer_assignments())
         return self._field.pass_by()

@@ -187,7 +187,7 @@ class Mpu9250(FifoDriver):
                 (0.0, 8.0, 100.0), unit='Hz'),
     )
     # fmt: on
-    counter_names = ('fifo_overflows', 'magnetometer_lost', 'magnetometer_overflows')
+    counter_names = ('magnetometer_lost', 'magnetometer_overflows')
 
     # --- sequences (RM section 4; AK section 9.3) ----------------------------------------
     reset_steps = (
@@ -252,34 +252,18 @@ class Mpu9250(FifoDriver):
         super().__init__(bus, clock, settings)
         self._field = Lookout(clock, float(self.values['magnetometer_rate_hz']))
         rate = self._field.rate_hz
-        self._rates_hz = {'magnetic_field': rate} if rate else {}
+        self.rates_hz = {'magnetic_field': rate} if rate else {}
         self._mode = {self.magnetometer_mode: rate, self.magnetometer_bits: 16}
         self._in_fifo = rate > 0.0 and MAG not in self._wires
         inertial = (self.acceleration, self.temperature, self.angular_velocity)
         behind = (self.ST1, self.magnetic_field, self.ST2)
         self._frame = Frame(*inertial, *(behind if self._in_fifo else ()))
         self._magnetometer_frame = Frame(*behind)
-        fields = (max(0.8 / r - 1 / self.rate_hz, 0.6 / r) for r in self._rates_hz.values())
-        self._poll_s = min(FIFO_BYTES // self._frame.size / 4 / self.rate_hz, *fields, 0.25)
+        self.depth = FIFO_BYTES // self._frame.size
 
     def register_buses(self, wires: Mapping[str, Any]) -> Mapping[str, RegisterBus]:
         """Return the bus of the chip, and that of the magnetometer: bypass, or slave 4."""
         return {MAG: AuxiliaryBus(wires[''], self.clock, 0x0C), **wires}
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the nominal output data rate."""
-        return float(self.values['rate_hz'])
-
-    @property
-    def rates_hz(self) -> Mapping[str, float]:
-        """Return the nominal rate of the magnetometer."""
-        return self._rates_hz
-
-    @property
-    def poll_period_s(self) -> float:
-        """Return a quarter of the FIFO, or what reads each field though acquisition varies it."""
-        return self._poll_s
 
     def assignments(self) -> dict[Any, Value]:
         """Return the settings, with the filters on and, on SPI, I²C off (RM register 106)."""
@@ -359,15 +343,9 @@ class Mpu9250(FifoDriver):
         return False
 
     def _inertial(self, words: np.ndarray, stamps: np.ndarray) -> Samples:
-        acceleration, rotation = words['acceleration'], words['angular_velocity']
-        clipped = self.acceleration.saturated(acceleration)
-        clipped |= self.angular_velocity.saturated(rotation)
-        self.counters['saturated'] += int(clipped.sum())
+        columns = self.decode(words, self.acceleration, self.angular_velocity)
         return Samples(
-            stamps,
-            self.acceleration.decode(acceleration, self.values['accelerometer_range']),
-            self.angular_velocity.decode(rotation, self.values['gyroscope_range']),
-            temperature=self.temperature.decode(words['temperature']),
+            stamps, **columns, temperature=self.temperature.decode(words['temperature'])
         )
 
     def _beside(self) -> list[Samples]:

@@ -163,12 +163,14 @@ class Mti300(Driver):
         self._main: tuple[Channel, ...] = (self.acceleration, self.angular_velocity)
         if self.values['orientation']:
             self._main += (self.orientation,)
+        slow = float(self.values['magnetometer_rate_hz'])
+        self.rates_hz = {'temperature': 1.0} | ({'magnetic_field': slow} if slow else {})
         carried = self._carried()
         self._outputs = tuple(Output(register.address, rate) for register, rate in carried)
         # preamble, bus, message, length and checksum, then identifier and size before each output
         size = 5 + sum(3 + r.size for r, rate in carried if rate in (EVERY_FRAME, self.rate_hz))
-        slow = sum((3 + r.size) * rate for r, rate in carried if rate < self.rate_hz)
-        self._bytes_per_s = self.rate_hz * size + slow
+        beside = sum((3 + r.size) * rate for r, rate in carried if rate < self.rate_hz)
+        self._bytes_per_s = self.rate_hz * size + beside
         if 0 < baud < 10 * self._bytes_per_s:
             raise ConfigError(
                 f'{self.name}.baud: {self.rate_hz:g} Hz need {10 * self._bytes_per_s:.0f} baud '
@@ -201,17 +203,6 @@ class Mti300(Driver):
     def register_buses(self, wires: Mapping[str, Any]) -> Mapping[str, RegisterBus]:
         """Return that there are none."""
         return {}
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the nominal output data rate."""
-        return float(self.values['rate_hz'])
-
-    @property
-    def rates_hz(self) -> Mapping[str, float]:
-        """Return the nominal rates of what comes more slowly."""
-        slow = float(self.values['magnetometer_rate_hz'])
-        return {'temperature': 1.0, **({'magnetic_field': slow} if slow else {})}
 
     @property
     def poll_period_s(self) -> float:

@@ -154,11 +154,6 @@ class Scl3300(Driver):
         return {'': self._banks}
 
     @property
-    def rate_hz(self) -> float:
-        """Return how often the host reads."""
-        return float(self.values['rate_hz'])
-
-    @property
     def paced(self) -> bool:
         """Return that the host sets the pace."""
         return True

@@ -17,6 +17,7 @@ from imu_bench.bus.interface import Clock
 from imu_bench.drivers import load
 from imu_bench.emulators.line import Line, Timing
 from imu_bench.emulators.register_map import Source
+from imu_bench.emulators.socket import Socket
 from imu_bench.errors import ConfigError
 
 TIMINGS = {
@@ -77,4 +78,4 @@ def create(
     own = {module.name for module in iter_modules(__path__)}
     module = import_module(f'{__name__}.{driver_name if driver_name in own else "generic"}')
     name = f'emulated {driver_name} on {bus_kind}'
-    return dict(module.create(driver, bus_kind, name, source, clock, line, **options))
+    return dict(module.create(Socket(driver, bus_kind, name, source, clock, line), **options))

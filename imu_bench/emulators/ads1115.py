@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from imu_bench.bus.converters.ads1115 import Ads1115Registers, WAKE_S
 from imu_bench.emulators.register_map import EmulatedChip, Source
-from imu_bench.registers import Axis
+from imu_bench.registers import Axis, Field, Value
 import numpy as np
 
 OVERSAMPLING = 8
@@ -77,11 +77,11 @@ class Ads1115Chip(EmulatedChip):
                 self._begun_ns = at_ns + round(WAKE_S * 1e9)
 
     # --- conversions ---------------------------------------------------------------------
-    def _value(self, field: object) -> object:
-        return field.extract(self._words[_CONFIG])  # type: ignore[attr-defined]
+    def _value(self, field: Field) -> Value:
+        return field.extract(self._words[_CONFIG])
 
     def _choose_rate(self, at_ns: int) -> None:
-        rate = float(self._value(Ads1115Registers.ads1115_rate))  # type: ignore[arg-type]
+        rate = float(self._value(Ads1115Registers.ads1115_rate))
         self._period_ns = 1e9 / rate * self._stretch
         self._source.restart(at_ns, OVERSAMPLING * rate)
 
@@ -104,7 +104,7 @@ class Ads1115Chip(EmulatedChip):
         if window.any():
             mean = self._values[window].mean(axis=0, keepdims=True)
             range_ = self._value(Ads1115Registers.ads1115_range)
-            self._result = int(self._channel.encode(mean, range_)[0])  # type: ignore[arg-type]
+            self._result = int(self._channel.encode(mean, range_)[0])
         self._begun_ns = end if continuous else None
         self._forget(end)
 

@@ -11,12 +11,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from imu_bench.bus.framing import bosch_uart
-from imu_bench.bus.interface import Clock
 from imu_bench.drivers.bno055 import Bno055, FIELD_HZ, FUSED_HZ, MEASURED, PLAIN_HZ
-from imu_bench.drivers.driver import Driver
 from imu_bench.emulators.attitude import Attitude
-from imu_bench.emulators.line import Line
-from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, or_zero, Source
+from imu_bench.emulators.register_map import EmulatedBus, or_zero, Source
+from imu_bench.emulators.sampling import SamplingChip
+from imu_bench.emulators.socket import Socket
 from imu_bench.emulators.stream import EmulatedStream, StreamDevice
 from imu_bench.registers import Channel, Register
 from imu_bench.samples import Samples
@@ -28,7 +27,6 @@ B = Bno055
 BOOT_NS, RESET_NS = 400_000_000, 650_000_000  # DS table 0-2
 TO_CONFIG_NS, FROM_CONFIG_NS = 19_000_000, 7_000_000  # DS table 3-6
 CRYSTAL_NS = 600_000_000  # DS gives no time; drivers wait up to 650 ms
-IDLE_NS = 10_000_000_000  # nobody asked for so long: the samples in between are skipped
 ANY_MODE = (B.PAGE_ID, B.OPR_MODE, B.SYS_TRIGGER)
 _DATA = (B.ACC_DATA, B.MAG_DATA, B.GYR_DATA, B.EUL_DATA, B.QUA_DATA, B.LIA_DATA, B.GRV_DATA)
 _PAGE = B.PAGE_ID.address
@@ -37,7 +35,7 @@ _ACCELERATION = (1.0, STANDARD_GRAVITY / 1000 / 0.01)
 _ROTATION = (1.0, 16 / 900 / DEGREE)
 
 
-class Bno055Chip(EmulatedChip):
+class Bno055Chip(SamplingChip):
     """
     Both pages.
 
@@ -49,8 +47,7 @@ class Bno055Chip(EmulatedChip):
     """
 
     def __init__(self, source: Source, start_ns: int) -> None:
-        super().__init__(B.declared(Register).values())
-        self._source = source
+        super().__init__(B.declared(Register).values(), source)
         self.power_up(start_ns)
 
     def power_up(self, at_ns: int) -> None:
@@ -63,10 +60,6 @@ class Bno055Chip(EmulatedChip):
         self._mode = 'config'
         self._crystal_ns = 0
         self._made = 0
-
-    def answers(self, at_ns: int) -> bool:
-        """Return whether the start is over."""
-        return at_ns >= self._ready_ns
 
     # --- registers -----------------------------------------------------------------------
     def decode_address(self, first: int) -> tuple[int, bool]:
@@ -135,11 +128,8 @@ class Bno055Chip(EmulatedChip):
         if self._crystal_ns and to_ns >= self._crystal_ns:
             self._crystal_ns = 0
             self.memory.put(B.clock_busy, 0)
-        if self._mode == 'config' or to_ns <= self._now_ns:
+        if self._mode == 'config' or not self.pass_time(to_ns):
             return
-        if to_ns - self._now_ns > IDLE_NS:
-            self._source.restart(to_ns - IDLE_NS // 10)
-        self._now_ns = to_ns
         samples = self._source.samples_until(to_ns)
         if len(samples):
             self._take(samples)
@@ -286,18 +276,10 @@ class Bno055Uart(StreamDevice):
         self._to_send.append((at_ns + self.ANSWER_NS, bytes([bosch_uart.STATUS, code])))
 
 
-def create(
-    driver: type[Driver],
-    kind: str,
-    name: str,
-    source: Source,
-    clock: Clock,
-    line: Line,
-    **options: int,
-) -> Mapping[str, EmulatedBus | EmulatedStream]:
+def create(at: Socket, **options: int) -> Mapping[str, EmulatedBus | EmulatedStream]:
     """Return the wire of a BNO055: I²C, or its serial line."""
-    chip = Bno055Chip(source, clock.now_ns())
-    if kind == 'serial':
+    chip = Bno055Chip(at.source, at.clock.now_ns())
+    if at.kind == 'serial':
         uart = Bno055Uart(chip, **options)
-        return {'': EmulatedStream(name, clock, uart, driver.wiring[''].serial_baud)}
-    return {'': EmulatedBus(name, line, chip)}
+        return {'': EmulatedStream(at.name, at.clock, uart, at.driver.wiring[''].serial_baud)}
+    return {'': at.bus(chip)}

@@ -14,7 +14,7 @@ from imu_bench.errors import BusBusy, BusError, NoAnswer, PermissionDenied
 import numpy as np
 
 STRETCH_S = 0.035
-"""So long a clock may be held low: SMBus 3.1, table 2, T_TIMEOUT, the largest."""
+"""So long a clock may be held low: SMBus 3.1, T_TIMEOUT is 25 ms to 35 ms."""
 
 _OPEN = {'no_answer', 'unplugged'}
 _REPLUGGED = {'unplugged', 'wrong_identity'}

@@ -6,20 +6,18 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
-from imu_bench.emulators.register_map import EmulatedChip, Source
+from imu_bench.emulators.register_map import Source
+from imu_bench.emulators.sampling import SamplingChip
 from imu_bench.emulators.slot_fifo import SlotFifo
 from imu_bench.registers import Register
 from imu_bench.samples import Samples
 import numpy as np
 
-IDLE_NS = 10_000_000_000
-"""Nobody asked for so long: the samples in between are skipped."""
-
 HOUSEKEEPING_HZ = 10.0
 """A die that is off still sees its surroundings, for the other die of the chip."""
 
 
-class FifoChip(EmulatedChip, ABC):
+class FifoChip(SamplingChip, ABC):
     """
     What such dies have in common; a chip adds its registers, and is powered up when it is made.
 
@@ -36,9 +34,8 @@ class FifoChip(EmulatedChip, ABC):
     """The registers through which a slot is read, in this order."""
 
     def __init__(self, registers: Iterable[Register], source: Source, fifo: SlotFifo) -> None:
-        super().__init__(registers)
+        super().__init__(registers, source)
         self.fifo = fifo
-        self._source = source
         self._asked_hz = 0.0
 
     # --- what a chip says about itself ---------------------------------------------------
@@ -78,10 +75,6 @@ class FifoChip(EmulatedChip, ABC):
         self._asked_hz = 0.0
         self.change_rate(at_ns)
 
-    def answers(self, at_ns: int) -> bool:
-        """Return whether start-up is over."""
-        return at_ns >= self._ready_ns
-
     def change_rate(self, at_ns: int) -> None:
         """Sample at the rate the registers ask for."""
         rate = self.rate_hz()
@@ -94,11 +87,8 @@ class FifoChip(EmulatedChip, ABC):
 
     def advance(self, to_ns: int) -> None:
         """Take every sample that is due."""
-        if to_ns <= self._now_ns:
+        if not self.pass_time(to_ns):
             return
-        if to_ns - self._now_ns > IDLE_NS:
-            self._source.restart(to_ns - IDLE_NS // 10)
-        self._now_ns = to_ns
         samples = self._source.samples_until(to_ns)
         if not len(samples):
             return

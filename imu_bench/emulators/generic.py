@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from imu_bench.bus.interface import Clock
 from imu_bench.drivers.driver import Driver
 from imu_bench.emulators.generic_fifo import GenericFifoChip
-from imu_bench.emulators.line import Line
 from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
+from imu_bench.emulators.socket import Socket
 from imu_bench.errors import ConfigError
-from imu_bench.registers import Channel, Fifo, Frame, Register
+from imu_bench.registers import Fifo, Frame, Register
 from imu_bench.samples import Samples
 
 
@@ -43,7 +42,7 @@ class GenericChip(EmulatedChip):
 
     def __init__(self, driver: type[Driver], part: str, newest: _Newest) -> None:
         super().__init__(r for r in driver.declared(Register).values() if r.part == part)
-        channels = driver.declared(Channel).values()  # type: ignore[type-abstract]
+        channels = driver.channels().values()
         self._channels = [c for c in channels if c.first.part == part]
         wiring = driver.wiring[part]
         self._burst_bits = wiring.i2c_increment | wiring.spi_increment
@@ -65,9 +64,7 @@ class GenericChip(EmulatedChip):
                 self.memory.fill(channel.first, Frame(channel).pack(words, 1))
 
 
-def create(
-    driver: type[Driver], kind: str, name: str, source: Source, clock: Clock, line: Line
-) -> dict[str, EmulatedBus]:
+def create(at: Socket) -> dict[str, EmulatedBus]:
     """
     Return one bus for each die.
 
@@ -76,21 +73,13 @@ def create(
     ConfigError
         If a chip with a FIFO has other dies beside it.
     """
+    driver = at.driver
     fifos = driver.declared(Fifo)
     if fifos and (len(fifos) > 1 or len(driver.wiring) > 1):
         raise ConfigError(
             f'{driver.name}: a FIFO beside other dies needs imu_bench/emulators/{driver.name}.py'
         )
-    newest = _Newest(source)
-    return {
-        part: EmulatedBus(
-            f'{name} {part}'.rstrip(),
-            line,
-            GenericFifoChip(driver, source, clock.now_ns())
-            if fifos
-            else GenericChip(driver, part, newest),
-            wiring.i2c_increment if kind == 'i2c' else wiring.spi_increment,
-            acknowledges=kind == 'i2c',
-        )
-        for part, wiring in driver.wiring.items()
-    }
+    if fifos:
+        return {'': at.bus(GenericFifoChip(driver, at.source, at.clock.now_ns()))}
+    newest = _Newest(at.source)
+    return {part: at.bus(GenericChip(driver, part, newest), part) for part in driver.wiring}

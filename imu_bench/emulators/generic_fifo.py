@@ -8,7 +8,7 @@ from imu_bench.emulators.fifo_chip import FifoChip
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.register_map import Source
 from imu_bench.emulators.slot_fifo import SlotFifo
-from imu_bench.registers import Channel, Field, Fifo, Frame, Register, Write
+from imu_bench.registers import Field, Fifo, Frame, Register, Write
 from imu_bench.samples import Samples
 import numpy as np
 
@@ -53,7 +53,7 @@ class GenericFifoChip(FifoChip):
         (sheet,) = driver.declared(Fifo).values()
         super().__init__(driver.declared(Register).values(), source, SlotFifo(sheet.depth))
         self._sheet = sheet
-        self._channels = tuple(driver.declared(Channel).values())  # type: ignore[type-abstract]
+        self._channels = tuple(driver.channels().values())
         self._resets = reset_registers(driver)
         self.start_up_ns = round(driver.start_up_s * 1e9)
         self.ports = self.quiet = frozenset({sheet.port.number})

@@ -9,16 +9,14 @@ reading the field clears its ready flag, unless it is asked to stay as in the HM
 
 from __future__ import annotations
 
-from imu_bench.bus.interface import Clock
-from imu_bench.drivers.driver import Driver
 from imu_bench.drivers.lsm303dlhc import Lsm303dlhc, MAG, SLOTS, TURN_ON
 from imu_bench.emulators.fifo_chip import FifoChip
-from imu_bench.emulators.line import Line
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.output_registers import OutputRegisters
 from imu_bench.emulators.register_map import EmulatedBus, or_zero, Source
 from imu_bench.emulators.second_die import SecondDie, Surroundings
 from imu_bench.emulators.slot_fifo import SlotFifo
+from imu_bench.emulators.socket import Socket
 from imu_bench.registers import Register
 from imu_bench.samples import Samples
 import numpy as np
@@ -136,8 +134,9 @@ class MagneticDie(SecondDie):
         self,
         inertial: InertialDie,
         start_ns: int,
-        rate_error: float = 0.0,
-        ready_stays: bool = False,
+        rate_error: float,
+        *,
+        ready_stays: bool,
     ) -> None:
         registers = [r for r in L.declared(Register).values() if r.part == MAG]
         super().__init__(registers, inertial.advance, rate_error)
@@ -203,12 +202,7 @@ class MagneticDie(SecondDie):
 
 
 def create(
-    driver: type[Driver],
-    kind: str,
-    name: str,
-    source: Source,
-    clock: Clock,
-    line: Line,
+    at: Socket,
     *,
     magnetometer_rate_error: float = 0.0,
     ready_stays: bool = False,
@@ -226,9 +220,8 @@ def create(
     repeats : bool
         The FIFO gives its last slot again after it was emptied, as relatives do.
     """
-    inertial = InertialDie(source, clock.now_ns(), repeats=repeats)
-    magnetic = MagneticDie(inertial, clock.now_ns(), magnetometer_rate_error, ready_stays)
-    return {
-        '': EmulatedBus(name, line, inertial, BURST, acknowledges=kind == 'i2c'),
-        MAG: EmulatedBus(f'{name} {MAG}', line, magnetic, acknowledges=kind == 'i2c'),
-    }
+    inertial = InertialDie(at.source, at.clock.now_ns(), repeats=repeats)
+    magnetic = MagneticDie(
+        inertial, at.clock.now_ns(), magnetometer_rate_error, ready_stays=ready_stays
+    )
+    return {'': at.bus(inertial), MAG: at.bus(magnetic, MAG)}

@@ -8,16 +8,14 @@ a reset is over at once; after power-up the chip answers within 10 ms.
 
 from __future__ import annotations
 
-from imu_bench.bus.interface import Clock
-from imu_bench.drivers.driver import Driver
 from imu_bench.drivers.lsm9ds1 import LOW_PASS_2, Lsm9ds1, MAG, SLOTS, TURN_ON
 from imu_bench.emulators.fifo_chip import FifoChip
-from imu_bench.emulators.line import Line
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.output_registers import OutputRegisters
 from imu_bench.emulators.register_map import EmulatedBus, or_zero, Source
 from imu_bench.emulators.second_die import SecondDie, Surroundings
 from imu_bench.emulators.slot_fifo import SlotFifo
+from imu_bench.emulators.socket import Socket
 from imu_bench.registers import Frame, Register
 from imu_bench.samples import Samples
 import numpy as np
@@ -223,15 +221,7 @@ class MagneticDie(SecondDie):
 
 
 def create(
-    driver: type[Driver],
-    kind: str,
-    name: str,
-    source: Source,
-    clock: Clock,
-    line: Line,
-    *,
-    magnetometer_rate_error: float = 0.0,
-    repeats: bool = False,
+    at: Socket, *, magnetometer_rate_error: float = 0.0, repeats: bool = False
 ) -> dict[str, EmulatedBus]:
     """
     Return the buses of both dies.
@@ -243,10 +233,6 @@ def create(
     repeats : bool
         The FIFO gives its last slot again after it was emptied, as relatives do.
     """
-    inertial = InertialDie(source, clock.now_ns(), repeats=repeats)
-    magnetic = MagneticDie(inertial, clock.now_ns(), magnetometer_rate_error)
-    increment = L.wiring[MAG].i2c_increment if kind == 'i2c' else L.wiring[MAG].spi_increment
-    return {
-        '': EmulatedBus(name, line, inertial, acknowledges=kind == 'i2c'),
-        MAG: EmulatedBus(f'{name} {MAG}', line, magnetic, increment, acknowledges=kind == 'i2c'),
-    }
+    inertial = InertialDie(at.source, at.clock.now_ns(), repeats=repeats)
+    magnetic = MagneticDie(inertial, at.clock.now_ns(), magnetometer_rate_error)
+    return {'': at.bus(inertial), MAG: at.bus(magnetic, MAG)}

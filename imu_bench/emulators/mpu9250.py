@@ -8,21 +8,21 @@ lets the magnetometer be reached through the bypass or the auxiliary master.
 
 from __future__ import annotations
 
-from imu_bench.bus.interface import Clock
-from imu_bench.drivers.driver import Driver
+from typing import Any
+
 from imu_bench.drivers.mpu9250 import FIFO_BYTES, MAG, Mpu9250
 from imu_bench.emulators.ak8963 import Ak8963
 from imu_bench.emulators.fifo import ByteRing
-from imu_bench.emulators.line import Line
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, or_zero, Source
+from imu_bench.emulators.sampling import SamplingChip
+from imu_bench.emulators.socket import Socket
 from imu_bench.registers import Field, Frame, Register
 from imu_bench.samples import Samples
 import numpy as np
 
 M = Mpu9250
 START_UP_NS = 11_000_000  # PS table 3: 11 ms typical from power-up to register access
-IDLE_NS = 10_000_000_000  # nobody asked for so long: the samples in between are skipped
 _PORT = M.FIFO_R_W.address
 _COUNT = M.FIFO_COUNT.address
 _RATE_REGISTERS = (M.SMPLRT_DIV, M.CONFIG, M.GYRO_CONFIG, M.ACCEL_CONFIG2, M.PWR_MGMT_1)
@@ -31,7 +31,7 @@ _DATA = Frame(M.acceleration, M.temperature, M.angular_velocity)
 _FIFO_BYTES_OF = ((3, range(6)), (7, (6, 7)), (6, (8, 9)), (5, (10, 11)), (4, (12, 13)))
 
 
-class Mpu9250Chip(EmulatedChip):
+class Mpu9250Chip(SamplingChip):
     """
     The main die.
 
@@ -46,31 +46,29 @@ class Mpu9250Chip(EmulatedChip):
     ports = frozenset({_PORT})
     quiet = frozenset({_PORT, M.USER_CTRL.address, M.WHO_AM_I.address})
 
-    def __init__(self, source: Source, start_ns: int, **magnetometer: float) -> None:
-        super().__init__(r for r in M.declared(Register).values() if r.part == '')
-        self._source = source
+    def __init__(self, source: Source, start_ns: int, **magnetometer: Any) -> None:
+        super().__init__((r for r in M.declared(Register).values() if r.part == ''), source)
         self._fifo = ByteRing(FIFO_BYTES)
         self._field_stamps = np.zeros(1, dtype=np.int64)
         self._fields = np.zeros((1, 3))
-        self.magnetometer = Ak8963(self._field_at, **magnetometer)  # type: ignore[arg-type]
+        self.magnetometer = Ak8963(self._field_at, **magnetometer)
         self._nominal_hz = 0.0
         self.power_up(start_ns)
 
-    def power_up(self, at_ns: int, with_magnetometer: bool = True) -> None:
+    def power_up(self, at_ns: int) -> None:
+        """Begin at the reset values, both dies."""
+        self.magnetometer.power_up(at_ns)
+        self._reset(at_ns)
+
+    def _reset(self, at_ns: int) -> None:
         """Begin at the reset values; the magnetometer does not see the reset bit."""
         self.memory.reset()
         self._fifo.clear()
         self._now_ns = self._ready_ns = at_ns + START_UP_NS
         self._slave4_ns: int | None = None
         self._nominal_hz = 0.0
-        if with_magnetometer:
-            self.magnetometer.power_up(at_ns)
         self._change_rate(self._ready_ns)
         self._choose_columns()
-
-    def answers(self, at_ns: int) -> bool:
-        """Return whether start-up is over."""
-        return at_ns >= self._ready_ns
 
     def bypassed(self, at_ns: int) -> bool:
         """Return whether the magnetometer is on the main bus."""
@@ -81,11 +79,8 @@ class Mpu9250Chip(EmulatedChip):
     # --- sampling ------------------------------------------------------------------------
     def advance(self, to_ns: int) -> None:
         """Take every sample that is due."""
-        if to_ns <= self._now_ns:
+        if not self.pass_time(to_ns):
             return
-        if to_ns - self._now_ns > IDLE_NS:
-            self._source.restart(to_ns - IDLE_NS // 10)
-        self._now_ns = to_ns
         if not self.memory.code(M.sleep):
             samples = self._source.samples_until(to_ns)
             if len(samples):
@@ -177,7 +172,7 @@ class Mpu9250Chip(EmulatedChip):
         """Do what a written bit asks for."""
         memory = self.memory
         if register is M.PWR_MGMT_1 and memory.code(M.device_reset):
-            self.power_up(at_ns, with_magnetometer=False)
+            self._reset(at_ns)
         elif register in _RATE_REGISTERS:
             self._change_rate(at_ns)
         elif register is M.FIFO_EN:
@@ -245,18 +240,10 @@ class _Bypass(EmulatedChip):
         self._host.magnetometer.write(first, data, at_ns)
 
 
-def create(
-    driver: type[Driver],
-    kind: str,
-    name: str,
-    source: Source,
-    clock: Clock,
-    line: Line,
-    **options: float,
-) -> dict[str, EmulatedBus]:
+def create(at: Socket, **options: float) -> dict[str, EmulatedBus]:
     """Return the buses of an MPU-9250: both dies on I²C, the main one on SPI."""
-    chip = Mpu9250Chip(source, clock.now_ns(), **options)
-    buses = {'': EmulatedBus(name, line, chip, acknowledges=kind == 'i2c')}
-    if kind == 'i2c':
-        buses[MAG] = EmulatedBus(f'{name} {MAG}', line, _Bypass(chip))
+    chip = Mpu9250Chip(at.source, at.clock.now_ns(), **options)
+    buses = {'': at.bus(chip)}
+    if at.kind == 'i2c':
+        buses[MAG] = at.bus(_Bypass(chip), MAG)
     return buses

@@ -13,12 +13,10 @@ import struct
 
 from imu_bench.bus.framing import xbus
 from imu_bench.bus.framing.xbus import EVERY_FRAME, Mid, Output
-from imu_bench.bus.interface import Clock
-from imu_bench.drivers.driver import Driver
 from imu_bench.drivers.mti300 import BASE_HZ, Mti300
 from imu_bench.emulators.attitude import Attitude
-from imu_bench.emulators.line import Line
 from imu_bench.emulators.register_map import or_zero, Source
+from imu_bench.emulators.socket import Socket
 from imu_bench.emulators.stream import EmulatedStream, StreamDevice
 from imu_bench.registers import Channel, Register
 from imu_bench.samples import Samples
@@ -256,16 +254,7 @@ def _possible(register: Register, rate: int) -> int:
     return max(whole for whole in range(1, rate + 1) if BASE_HZ % whole == 0)
 
 
-def create(
-    driver: type[Driver],
-    kind: str,
-    name: str,
-    source: Source,
-    clock: Clock,
-    line: Line,
-    *,
-    baud: int = 0,
-) -> dict[str, EmulatedStream]:
+def create(at: Socket, *, baud: int = 0) -> dict[str, EmulatedStream]:
     """Return the line of an MTi-300: at a speed, or 0 for USB."""
-    device = Mti300Device(source, clock.now_ns(), baud)
-    return {'': EmulatedStream(name, clock, device, driver.wiring[''].serial_baud)}
+    device = Mti300Device(at.source, at.clock.now_ns(), baud)
+    return {'': EmulatedStream(at.name, at.clock, device, at.driver.wiring[''].serial_baud)}

@@ -9,13 +9,11 @@ that of the moment in which they go out.
 from __future__ import annotations
 
 from imu_bench.bus.framing.murata import crc8, ERROR, frame, NORMAL, STARTING
-from imu_bench.bus.interface import Clock
-from imu_bench.drivers.driver import Driver
 from imu_bench.drivers.scl3300 import INTERNAL_HZ, Scl3300
 from imu_bench.emulators.frames import EmulatedFrameBus
-from imu_bench.emulators.line import Line
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.register_map import Source
+from imu_bench.emulators.socket import Socket
 from imu_bench.samples import Samples
 from imu_bench.units import STANDARD_GRAVITY
 import numpy as np
@@ -197,14 +195,7 @@ def tilt(force: np.ndarray) -> np.ndarray:
     return np.asarray(np.arctan2(force, others))
 
 
-def create(
-    driver: type[Driver],
-    kind: str,
-    name: str,
-    source: Source,
-    clock: Clock,
-    line: Line,
-    **options: int,
-) -> dict[str, EmulatedFrameBus]:
+def create(at: Socket, **options: int) -> dict[str, EmulatedFrameBus]:
     """Return the bus of an SCL3300."""
-    return {'': EmulatedFrameBus(name, line, Scl3300Chip(source, clock.now_ns(), **options))}
+    chip = Scl3300Chip(at.source, at.clock.now_ns(), **options)
+    return {'': EmulatedFrameBus(at.name, at.line, chip)}

@@ -93,6 +93,11 @@ class RegisterMap:
         }
 
     @classmethod
+    def channels(cls) -> dict[str, Channel]:
+        """Return the declared channels by name."""
+        return cls.declared(Channel)  # type: ignore[type-abstract]  # only asked for, never made
+
+    @classmethod
     def sequences(cls) -> dict[str, Sequence]:
         """Return the declared sequences by name."""
         return {
@@ -124,7 +129,7 @@ def _check_fields(owner: type[RegisterMap]) -> None:
     for field in fields:
         if field.register not in registers:
             raise ConfigError(f'{field.name} lies in a register that the map does not declare')
-    for channel in owner.declared(Channel).values():  # type: ignore[type-abstract]
+    for channel in owner.channels().values():
         if channel.first not in registers:
             raise ConfigError(f'{channel.name} lies in a register that the map does not declare')
     for one, other in combinations(fields, 2):

@@ -31,7 +31,6 @@ class FakeChip:
         self.rng = np.random.default_rng(7)
         self.unplugged = self.asleep = False
         self.calls = []
-        self.started_ns = None
         self.origin_ns = clock.now_ns() + 0.3 * self.period_ns
         self.taken = 0
         self.closed = False

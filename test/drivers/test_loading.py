@@ -35,7 +35,6 @@ class Tiny(Driver):
     start_steps = (Write({start_register: 1}),)
     stop_steps = (Write({start_register: 0}),)
 
-    rate_hz = property(lambda self: self.values['rate_hz'])
     poll_period_s = 0.01
 
     def read(self):

@@ -143,8 +143,8 @@ def test_saturated_samples_are_counted_and_kept():
 def test_a_full_fifo_is_a_new_beginning(flags):
     # five bits of level: 31 may be 32
     made = running(*looked(31, flags), *burst(30))
-    read = made._fifo._registers.burst
-    made._fifo._registers.burst = lambda *args: (made.clock.sleep(2e-3), read(*args))[1]
+    read = made.fifo._registers.burst
+    made.fifo._registers.burst = lambda *args: (made.clock.sleep(2e-3), read(*args))[1]
     assert len(made.read()[0]) == 30
     assert made.counters['fifo_overflows'] == (flags == 0x40)
     assert made.continuity == 1

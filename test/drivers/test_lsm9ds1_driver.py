@@ -201,8 +201,8 @@ def test_saturated_samples_are_counted_and_kept():
 )
 def test_an_overrun_is_a_new_beginning(look, taken, overflows):
     made = running(*look, *burst(taken), *NO_TEMPERATURE)
-    clock, words = made.clock, made._fifo._registers.burst
-    made._fifo._registers.burst = lambda *args: (clock.sleep(2e-3), words(*args))[1]
+    clock, words = made.clock, made.fifo._registers.burst
+    made.fifo._registers.burst = lambda *args: (clock.sleep(2e-3), words(*args))[1]
     (run,) = made.read()
     assert len(run) == taken
     assert made.counters['fifo_overflows'] == overflows

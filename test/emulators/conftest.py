@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A chip's surroundings that hold still: every sample is the same."""
 
+from imu_bench.acquisition import Acquisition
 from imu_bench.drivers import load
 from imu_bench.emulators import create
 from imu_bench.emulators.faults import wrap
@@ -93,7 +94,7 @@ def count():
     return lambda bus: int.from_bytes(bus.read(0x72, 2), 'big')
 
 
-class _Bench:
+class _Driven:
     """A driver on an emulated bus with faults, and what came out of it."""
 
     def __init__(self, clock, source, name, kind='i2c', faults=(), options=None, **settings):
@@ -151,16 +152,66 @@ class _Bench:
 
 
 @pytest.fixture
-def lsm_bench(clock, make_source):
+def driven(clock, make_source):
     """Return what makes a driver on an emulated bus with faults, not configured yet."""
 
     def make(name, kind='i2c', faults=(), options=None, source=None, **settings):
-        return _Bench(clock, source or make_source(), name, kind, faults, options, **settings)
+        return _Driven(clock, source or make_source(), name, kind, faults, options, **settings)
 
     return make
 
 
 @pytest.fixture
-def lsm_running(lsm_bench):
+def running(driven):
     """Return what makes a driver on an emulated bus whose stream runs."""
-    return lambda name, kind='i2c', **settings: lsm_bench(name, kind, **settings).bring_up()
+    return lambda name, kind='i2c', **settings: driven(name, kind, **settings).bring_up()
+
+
+class _Acquired:
+    """A driver on an emulated bus with faults, and what came out of its acquisition."""
+
+    STEP_NS = 5_000_000
+
+    def __init__(self, clock, source, name, kind, faults=(), options=None, **settings):
+        self.clock, self.source, self.kind = clock, source, kind
+        driver = load(name)
+        buses = create(name, kind, source, clock, **(options or {}))
+        self.chip = buses[''].chip
+        self.bus = wrap(buses, driver, clock, faults)['']
+        clock.sleep(driver.start_up_s)
+        self.driver = driver(self.bus, clock, settings)
+        self.acquisition = Acquisition(self.driver, clock, name=name)
+        self.errors, self.texts, self.runs = set(), set(), []
+
+    def run(self, seconds):
+        end = self.clock.now_ns() + round(seconds * 1e9)
+        while self.clock.now_ns() < end:
+            self.acquisition.advance(min(self.clock.now_ns() + self.STEP_NS, end))
+            self.runs += self.acquisition.drain()
+            error = self.acquisition.error
+            if error is not None:
+                self.errors.add(type(error))
+                self.texts.add(str(error))
+        return self
+
+    @property
+    def main(self):
+        return [run for run in self.runs if run.acceleration is not None]
+
+    @property
+    def stamps(self):
+        return np.concatenate([run.stamps for run in self.main])
+
+    @property
+    def stats(self):
+        return self.acquisition.stats
+
+
+@pytest.fixture
+def acquired(clock, make_source):
+    """Return what makes an acquisition of a driver on an emulated bus with faults."""
+
+    def make(name, kind, faults=(), options=None, source=None, **settings):
+        return _Acquired(clock, source or make_source(), name, kind, faults, options, **settings)
+
+    return make

@@ -7,6 +7,7 @@ from imu_bench.bus.wiring import Wiring
 from imu_bench.drivers.driver import choice, Driver, Identity
 from imu_bench.emulators.generic import create
 from imu_bench.emulators.line import Line, Timing
+from imu_bench.emulators.socket import Socket
 from imu_bench.registers import Codes, Field, Register, Scalar, Vector
 from imu_bench.samples import Samples
 import numpy as np
@@ -71,7 +72,7 @@ def buses(clock, make_source):
         acceleration=(1.0, -2.0, 9.8), magnetic_field=(1e-5, 2e-5, 3e-5), temperature=25.5
     )
     line = Line(clock, Timing.i2c())
-    return create(TwoDies, 'i2c', 'emulated two_dies', source, clock, line)
+    return create(Socket(TwoDies, 'i2c', 'emulated two_dies', source, clock, line))
 
 
 @pytest.mark.parametrize('range_', [2.0, 16.0])

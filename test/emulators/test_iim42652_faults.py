@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """IIM-42652: driver, acquisition and emulated chip; every sample once, faults survived."""
 
-from imu_bench.acquisition import Acquisition
-from imu_bench.drivers import load
-from imu_bench.emulators import create
-from imu_bench.emulators.faults import Fault, wrap
+from imu_bench.emulators.faults import Fault
 from imu_bench.errors import (
     BenchError,
     BusBusy,
@@ -16,51 +13,20 @@ from imu_bench.errors import (
 import numpy as np
 import pytest
 
-DRIVER = load('iim42652')
 
-
-class Bench:
-    """A driver on an emulated bus with faults, and what came out of the acquisition."""
-
-    def __init__(self, clock, source, kind='i2c', faults=(), **settings):
-        self.clock, self.source = clock, source
-        chip = create('iim42652', kind, source, clock)
-        self.chip = chip[''].chip
-        self.bus = wrap(chip, DRIVER, clock, faults)['']
-        self.driver = DRIVER(self.bus, clock, settings)
-        self.acquisition = Acquisition(self.driver, clock, name='iim42652')
-        self.errors = set()
-        self.runs = []
-        clock.sleep(0.05)
-
-    def run(self, seconds):
-        end = self.clock.now_ns() + round(seconds * 1e9)
-        while self.clock.now_ns() < end:
-            self.acquisition.advance(min(self.clock.now_ns() + 20_000_000, end))
-            self.runs += self.acquisition.drain()
-            if self.acquisition.error is not None:
-                self.errors.add(type(self.acquisition.error))
-
-    @property
-    def stats(self):
-        return self.acquisition.stats
-
-    def assert_only_true_samples(self):
-        for run in self.runs:
-            force = np.broadcast_to([0, 0, 9.80665], run.acceleration.shape)
-            np.testing.assert_allclose(run.acceleration, force, atol=1e-9)
-            # half an LSB at 2000 °/s
-            assert (np.abs(run.angular_velocity - [0.1, 0, -0.1]) <= 5.4e-4).all()
+def assert_only_true_samples(made):
+    for run in made.runs:
+        force = np.broadcast_to([0, 0, 9.80665], run.acceleration.shape)
+        np.testing.assert_allclose(run.acceleration, force, atol=1e-9)
+        # half an LSB at 2000 °/s
+        assert (np.abs(run.angular_velocity - [0.1, 0, -0.1]) <= 5.4e-4).all()
 
 
 @pytest.fixture
-def bench(clock, make_source):
+def bench(acquired, make_source):
     def make(kind='i2c', rate_error=0.0, **settings):
-        source = make_source()
-        source.rate_error = rate_error
-        made = Bench(clock, source, kind, **settings)
-        made.run(2.0)
-        return made
+        source = make_source(rate_error=rate_error)
+        return acquired('iim42652', kind, source=source, **settings).run(2.0)
 
     return make
 
@@ -72,7 +38,7 @@ def test_every_sample_arrives_once_with_its_time(bench, kind, settings):
     made.run(5.0)
     made.acquisition.finish()
     made.runs += made.acquisition.drain()
-    stamps = np.concatenate([run.stamps for run in made.runs])
+    stamps = made.stamps
     rate = made.driver.rate_hz * 1.012
     assert len(stamps) == pytest.approx(rate * 6.88, rel=0.02)
     # the clock model follows the chip's true rate
@@ -81,7 +47,7 @@ def test_every_sample_arrives_once_with_its_time(bench, kind, settings):
     assert made.stats.lost == 0
     assert not made.errors
     assert not +made.driver.counters
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)
     # DS sections 12.9 and 14.34: nothing was written while it must not be
     assert made.chip.improper == []
 
@@ -93,8 +59,8 @@ def test_500_hz_are_500_hz(bench):
     assert made.source.nominal_hz == 500.0
 
 
-def test_a_configuration_that_is_not_taken_is_noticed(clock, make_source, monkeypatch):
-    made = Bench(clock, make_source())
+def test_a_configuration_that_is_not_taken_is_noticed(acquired, monkeypatch):
+    made = acquired('iim42652', 'i2c')
     original = made.bus.write
 
     def disturbed(register, data):
@@ -140,7 +106,7 @@ def test_a_bus_that_fails_is_named_counted_and_recovers(bench, kind, fault, erro
         made.runs = made.runs[tail:]
     else:
         assert made.driver.counters['bus_errors'] > 0
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)
 
 
 def test_a_silent_brown_out_is_found(bench):
@@ -149,7 +115,7 @@ def test_a_silent_brown_out_is_found(bench):
     made.run(2.0)
     assert made.driver.counters['brown_outs'] == 1
     assert made.driver.continuity == 2
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)
     assert 25 < made.stats.lost < 120
 
 
@@ -162,12 +128,12 @@ def test_a_held_bus_overflows_the_fifo_and_the_loss_is_a_gap(bench):
     assert made.driver.counters['brown_outs'] == 0
     made.run(2.0)
     lost = made.stats.lost
-    stamps = np.concatenate([run.stamps for run in made.runs])
+    stamps = made.stamps
     assert round(np.diff(stamps).max() / 2e6) - 1 == lost
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)
 
 
-def test_another_part_is_refused(clock, make_source):
-    made = Bench(clock, make_source(), faults=[Fault('wrong_identity')])
+def test_another_part_is_refused(acquired):
+    made = acquired('iim42652', 'i2c', faults=[Fault('wrong_identity')])
     with pytest.raises(IdentityError, match=r'0x71 .*expected 0x6F'):
         made.acquisition.prepare()

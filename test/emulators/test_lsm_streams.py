@@ -33,8 +33,8 @@ def numbering(source):
 
 
 @every_bus
-def test_every_sample_arrives_once_with_its_value(lsm_running, name, kind):
-    made = lsm_running(name, kind)
+def test_every_sample_arrives_once_with_its_value(running, name, kind):
+    made = running(name, kind)
     start = made.clock.now_ns()
     made.run(5.0)
     elapsed = (made.clock.now_ns() - start) * 1e-9
@@ -54,8 +54,8 @@ def test_every_sample_arrives_once_with_its_value(lsm_running, name, kind):
     assert not +driver.counters
 
 
-def test_gyroscope_and_accelerometer_of_one_slot_belong_together(lsm_running):
-    made = lsm_running('lsm9ds1')
+def test_gyroscope_and_accelerometer_of_one_slot_belong_together(running):
+    made = running('lsm9ds1')
     made.run(0.5)
     for run in made.main:
         assert (np.abs(run.angular_velocity - [0.1, 0, -0.1]) <= 1.2218e-3 / 2).all()
@@ -64,12 +64,10 @@ def test_gyroscope_and_accelerometer_of_one_slot_belong_together(lsm_running):
 @pytest.mark.parametrize('repeats', [False, True])
 @every_bus
 def test_no_sample_is_missing_or_doubled_even_if_an_emptied_fifo_repeats(
-    lsm_bench, make_source, name, kind, repeats
+    driven, make_source, name, kind, repeats
 ):
     source = numbering(make_source())
-    made = lsm_bench(
-        name, kind, options={'repeats': repeats}, source=source, accelerometer_range=2.0
-    )
+    made = driven(name, kind, options={'repeats': repeats}, source=source, accelerometer_range=2.0)
     # no filter in the way of the numbers
     chip = made.buses['']._bus.chip
     settle = chip.settle
@@ -78,7 +76,7 @@ def test_no_sample_is_missing_or_doubled_even_if_an_emptied_fifo_repeats(
         settle(rate_hz)
         for name in ('_filter', '_force_filter'):
             if hasattr(chip, name):
-                getattr(chip, name)._taps = None
+                getattr(chip, name)._sections = None
 
     chip.settle = unfiltered
     made.bring_up()
@@ -89,19 +87,17 @@ def test_no_sample_is_missing_or_doubled_even_if_an_emptied_fifo_repeats(
 
 
 @every_chip
-def test_samples_that_are_not_settled_are_not_delivered(lsm_running, name):
-    made = lsm_running(name)
+def test_samples_that_are_not_settled_are_not_delivered(running, name):
+    made = running(name)
     made.run(0.1)
     half = made.driver.acceleration.resolution(16.0).max() / 2
     assert (np.abs(made.values[0] - [0, 0, 9.80665]) <= half * (1 + 1e-9)).all()
 
 
 @pytest.mark.parametrize('stays', [False, True])
-def test_each_field_once_whether_or_not_reading_clears_its_flag(
-    clock, make_source, lsm_bench, stays
-):
+def test_each_field_once_whether_or_not_reading_clears_its_flag(clock, make_source, driven, stays):
     source = make_source()
-    made = lsm_bench('lsm303dlhc', options={'ready_stays': stays}, source=source)
+    made = driven('lsm303dlhc', options={'ready_stays': stays}, source=source)
     made.bring_up()
     assert made.driver._ready_stays is stays
     start = clock.now_ns()
@@ -119,15 +115,15 @@ def test_each_field_once_whether_or_not_reading_clears_its_flag(
     assert made.driver.counters['magnetometer_lost'] == 0
 
 
-def test_a_field_that_does_not_change_still_arrives_if_its_flag_stays(lsm_bench):
-    made = lsm_bench('lsm303dlhc', options={'ready_stays': True}).bring_up()
+def test_a_field_that_does_not_change_still_arrives_if_its_flag_stays(driven):
+    made = driven('lsm303dlhc', options={'ready_stays': True}).bring_up()
     made.run(2.0)
     assert 75 < sum(map(len, made.fields)) <= 150
 
 
 @every_chip
-def test_stamps_of_the_field_are_within_its_period(lsm_running, name):
-    made = lsm_running(name)
+def test_stamps_of_the_field_are_within_its_period(running, name):
+    made = running(name)
     made.run(2.0)
     stamps = np.concatenate([run.stamps for run in made.fields])
     period = 1e9 / made.driver.rates_hz['magnetic_field']
@@ -146,8 +142,8 @@ def test_stamps_of_the_field_are_within_its_period(lsm_running, name):
         ('lsm303dlhc', {'rate_hz': 400.0, 'magnetometer_rate_hz': 220.0}),
     ],
 )
-def test_other_rates(lsm_running, name, settings):
-    made = lsm_running(name, **settings)
+def test_other_rates(running, name, settings):
+    made = running(name, **settings)
     made.run(2.0)  # turn-on
     made.run(20 / made.driver.rate_hz)
     before, start = made.samples, made.clock.now_ns()
@@ -175,8 +171,8 @@ def test_the_noise_of_the_shipped_file_is_there_in_the_band(clock):
     np.testing.assert_allclose(measured, np.hypot(given, rounding), rtol=0.06)
 
 
-def test_a_magnetometer_that_is_off_is_never_asked(lsm_bench):
-    made = lsm_bench('lsm9ds1', magnetometer_rate_hz=0.0)
+def test_a_magnetometer_that_is_off_is_never_asked(driven):
+    made = driven('lsm9ds1', magnetometer_rate_hz=0.0)
     made.buses['magnetometer'].inject('no_answer')
     made.bring_up()
     made.run(0.5)
@@ -185,7 +181,7 @@ def test_a_magnetometer_that_is_off_is_never_asked(lsm_bench):
     assert list(made.driver.rates_hz) == ['temperature']
 
 
-def test_the_zero_of_the_thermometer_can_be_set(lsm_running):
-    made = lsm_running('lsm303dlhc', temperature_zero=21.5)
+def test_the_zero_of_the_thermometer_can_be_set(running):
+    made = running('lsm303dlhc', temperature_zero=21.5)
     made.run(0.2)
     np.testing.assert_allclose(made.temperatures[0].temperature, 26.5)

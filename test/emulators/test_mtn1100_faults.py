@@ -1,64 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """MTN/1100 behind each converter: every sample once, faults named, counted and survived."""
 
-from imu_bench.acquisition import Acquisition
-from imu_bench.drivers import load
-from imu_bench.emulators import create
-from imu_bench.emulators.faults import wrap
 from imu_bench.errors import BusBusy, NoAnswer, PermissionDenied
 import numpy as np
 import pytest
 
-DRIVER = load('mtn1100')
 KINDS = ('daqhat', 'i2c', 'frame')
 RATES = {'daqhat': 51200 / 51, 'i2c': 500.0, 'frame': 1000.0}
 # 2.5 m/s² in steps of the converters, half of one off at most
 HALF_LSB = {'daqhat': 3e-5, 'i2c': 3.1e-3, 'frame': 4e-2}
 
 
-class Bench:
-    """A driver on an emulated converter with faults, and what came out of the acquisition."""
-
-    def __init__(self, clock, source, kind, **settings):
-        self.clock, self.source, self.kind = clock, source, kind
-        made = create('mtn1100', kind, source, clock)
-        self.chip = made[''].chip
-        self.wire = wrap(made, DRIVER, clock)['']
-        self.driver = DRIVER(self.wire, clock, settings)
-        self.acquisition = Acquisition(self.driver, clock, name='mtn1100')
-        self.errors = set()
-        self.runs = []
-
-    def run(self, seconds):
-        end = self.clock.now_ns() + round(seconds * 1e9)
-        while self.clock.now_ns() < end:
-            self.acquisition.advance(min(self.clock.now_ns() + 20_000_000, end))
-            self.runs += self.acquisition.drain()
-            if self.acquisition.error is not None:
-                self.errors.add(type(self.acquisition.error))
-
-    @property
-    def stats(self):
-        return self.acquisition.stats
-
-    @property
-    def stamps(self):
-        return np.concatenate([run.stamps for run in self.runs])
-
-    def assert_only_true_samples(self):
-        for run in self.runs:
-            assert np.isnan(run.acceleration[:, :2]).all()
-            np.testing.assert_allclose(run.acceleration[:, 2], 2.5, atol=HALF_LSB[self.kind])
+def assert_only_true_samples(made):
+    for run in made.runs:
+        assert np.isnan(run.acceleration[:, :2]).all()
+        np.testing.assert_allclose(run.acceleration[:, 2], 2.5, atol=HALF_LSB[made.kind])
 
 
 @pytest.fixture
-def bench(clock, make_source):
+def bench(acquired, make_source):
     def make(kind, rate_error=0.0, **settings):
-        source = make_source(acceleration=(1.0, 2.0, 2.5))
-        source.rate_error = rate_error
-        made = Bench(clock, source, kind, **settings)
-        made.run(4.0)  # two of them let the sensor settle
-        return made
+        source = make_source(acceleration=(1.0, 2.0, 2.5), rate_error=rate_error)
+        # two of the seconds let the sensor settle
+        return acquired('mtn1100', kind, source=source, **settings).run(4.0)
 
     return make
 
@@ -74,7 +38,7 @@ def test_every_sample_arrives_once_with_its_time(bench, kind):
     assert not +made.driver.counters
     intervals = np.diff(made.stamps)
     assert np.abs(intervals[-1000:] - 1e9 / RATES[kind]).max() < 20_000
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)
 
 
 @pytest.mark.parametrize('kind', KINDS)
@@ -89,7 +53,7 @@ def test_every_sample_arrives_once_with_its_time(bench, kind):
 )
 def test_a_wire_that_fails_is_named_counted_and_recovers(bench, kind, fault, error):
     made = bench(kind)
-    made.wire.inject(fault, 0.5)
+    made.bus.inject(fault, 0.5)
     made.run(0.6)
     assert made.errors == {error}
     assert made.driver.counters['bus_errors'] >= 3
@@ -102,25 +66,25 @@ def test_a_wire_that_fails_is_named_counted_and_recovers(bench, kind, fault, err
     made.run(1.0)
     assert made.stats.samples - before == pytest.approx(RATES[kind], abs=60)
     assert made.stats.lost == lost
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)
 
 
 def test_an_ads1115_at_its_reset_values_is_noticed_at_once(bench):
     made = bench('i2c', ads1115_range=1.024)
-    made.wire.inject('brown_out')
+    made.bus.inject('brown_out')
     made.run(1.0)
     assert made.driver.counters['brown_outs'] == 1
     assert made.stats.lost <= 2
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)
 
 
 def test_a_board_without_power_for_a_moment_settles_again(bench):
     made = bench('daqhat')
-    made.wire.inject('brown_out')
+    made.bus.inject('brown_out')
     made.run(5.0)
     assert made.errors == {NoAnswer}
     assert made.stats.lost == pytest.approx(2.3 * RATES['daqhat'], rel=0.1)
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)
 
 
 def test_an_overrun_is_a_gap_that_is_counted(bench):
@@ -133,16 +97,16 @@ def test_an_overrun_is_a_gap_that_is_counted(bench):
     gap = np.diff(made.stamps).max() * RATES['daqhat'] * 1e-9
     assert round(gap) - 1 == made.stats.lost
     assert not made.errors
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)
 
 
 def test_nobody_reads_the_board_for_too_long(bench):
     made = bench('daqhat')
-    made.wire.inject('stall', 12.0)
+    made.bus.inject('stall', 12.0)
     made.run(14.0)
     assert made.driver.counters['buffer_overruns'] == 1
     assert made.stats.lost > 11 * RATES['daqhat']
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)
 
 
 def test_a_mcp3208_with_a_dead_sensor_is_reported(bench):
@@ -156,8 +120,8 @@ def test_a_mcp3208_with_a_dead_sensor_is_reported(bench):
 @pytest.mark.parametrize('kind', ['i2c', 'frame'])
 def test_a_held_bus_makes_a_gap_that_is_counted(bench, kind):
     made = bench(kind)
-    made.wire.inject('stall', 0.1)
+    made.bus.inject('stall', 0.1)
     made.run(1.0)
     assert made.stats.lost == pytest.approx(0.1 * RATES[kind], abs=2)
     assert not made.errors
-    made.assert_only_true_samples()
+    assert_only_true_samples(made)

@@ -6,10 +6,14 @@ The acceleration grows evenly with time, so that every sample says when it was m
 was invented, doubled or stamped wrongly is found by its value.
 """
 
-from imu_bench.acquisition import Acquisition
-from imu_bench.drivers import load
-from imu_bench.emulators import create
-from imu_bench.emulators.faults import wrap
+from imu_bench.errors import (
+    BusBusy,
+    ChecksumError,
+    FrameError,
+    IdentityError,
+    NoAnswer,
+    PermissionDenied,
+)
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
@@ -41,64 +45,36 @@ def growing(source):
     return source
 
 
-class Bench:
-    """A driver on an emulated line with faults, and what came out of the acquisition."""
-
-    def __init__(self, clock, source, name, kind, **settings):
-        driver = load(name)
-        self.clock, self.source = clock, growing(source)
-        options = {'baud': settings['baud']} if 'baud' in settings else {}
-        chip = create(name, kind, self.source, clock, **options)
-        self.device = chip[''].chip
-        self.line = wrap(chip, driver, clock)['']
-        clock.sleep(driver.start_up_s)
-        self.driver = driver(self.line, clock, settings)
-        self.acquisition = Acquisition(self.driver, clock, name=name)
-        self.errors, self.texts, self.runs = set(), set(), []
-
-    def run(self, seconds):
-        end = self.clock.now_ns() + round(seconds * 1e9)
-        while self.clock.now_ns() < end:
-            self.acquisition.advance(min(self.clock.now_ns() + 5_000_000, end))
-            self.runs += self.acquisition.drain()
-            error = self.acquisition.error
-            if error is not None:
-                self.errors.add(type(error).__name__)
-                self.texts.add(str(error))
-
-    @property
-    def main(self):
-        return [run for run in self.runs if run.acceleration is not None]
-
-    @property
-    def stamps(self):
-        return np.concatenate([run.stamps for run in self.main])
-
-    @property
-    def stats(self):
-        return self.acquisition.stats
-
-    def assert_only_true_samples(self, latency_s, late_s):
-        """Check that each sample was made, once, and when its stamp says."""
-        stamps = self.stamps
-        value = np.concatenate([run.acceleration for run in self.main])[:, 0]
-        late = (ramp(stamps, self.source.origin_ns) - value) / SLOPE
-        # at the jump of the ramp the difference is a whole span
-        late = (late + SPAN_S / 2) % SPAN_S - SPAN_S / 2
-        assert np.abs(late - latency_s).max() < late_s, (late.min(), late.max())
-        assert (np.diff(stamps) > 0).all()
-        # and each came once: it grows from one to the next
-        grown = np.diff(value) % (SPAN_S * SLOPE)
-        assert grown.min() > 0.4 * SLOPE / self.driver.rate_hz
-        for run in self.main:
-            np.testing.assert_allclose(run.acceleration[:, 2], 9.80665, atol=0.006)
+def assert_only_true_samples(made, latency_s, late_s):
+    """Check that each sample was made, once, and when its stamp says."""
+    stamps = made.stamps
+    value = np.concatenate([run.acceleration for run in made.main])[:, 0]
+    late = (ramp(stamps, made.source.origin_ns) - value) / SLOPE
+    # at the jump of the ramp the difference is a whole span
+    late = (late + SPAN_S / 2) % SPAN_S - SPAN_S / 2
+    assert np.abs(late - latency_s).max() < late_s, (late.min(), late.max())
+    assert (np.diff(stamps) > 0).all()
+    # and each came once: it grows from one to the next
+    grown = np.diff(value) % (SPAN_S * SLOPE)
+    assert grown.min() > 0.4 * SLOPE / made.driver.rate_hz
+    for run in made.main:
+        np.testing.assert_allclose(run.acceleration[:, 2], 9.80665, atol=0.006)
 
 
 @pytest.fixture
-def bench(clock, make_source):
+def starting(acquired, make_source):
     def make(name, kind='serial', rate_error=0.0, **settings):
-        made = Bench(clock, make_source(rate_error=rate_error), name, kind, **settings)
-        made.run(4.0)
+        options = {'baud': settings['baud']} if 'baud' in settings else {}
+        source = growing(make_source(rate_error=rate_error))
+        return acquired(name, kind, options=options, source=source, **settings)
+
+    return make
+
+
+@pytest.fixture
+def bench(starting):
+    def make(*args, **settings):
+        made = starting(*args, **settings).run(4.0)
         assert made.stats.state == 'running'
         return made
 
@@ -109,7 +85,7 @@ LATENCY_S = {'mti300': (0.0, 0.0015), 'bno055': (0.002, 0.0045)}
 
 
 def only_true_samples(made):
-    made.assert_only_true_samples(*LATENCY_S[made.driver.name])
+    assert_only_true_samples(made, *LATENCY_S[made.driver.name])
 
 
 # --- without faults ----------------------------------------------------------------------
@@ -134,7 +110,7 @@ def test_a_serial_line_of_the_mti300_does_as_well_as_usb(bench):
     assert made.stats.lost == 0
     intervals = np.diff(made.stamps[-2000:])
     assert np.abs(intervals - 2.5e6).max() < 20e3
-    made.assert_only_true_samples(0.0, 2e-3)
+    assert_only_true_samples(made, 0.0, 2e-3)
 
 
 def test_field_orientation_and_temperature_are_there(bench):
@@ -152,18 +128,18 @@ def test_field_orientation_and_temperature_are_there(bench):
 # --- faults ------------------------------------------------------------------------------
 LASTING = {
     # what is wrong: its names, its counter
-    ('mti300', 'serial', 'no_answer'): ({'NoAnswer'}, 'bus_errors'),
-    ('mti300', 'serial', 'unplugged'): ({'NoAnswer'}, 'bus_errors'),
-    ('mti300', 'serial', 'garbage'): ({'FrameError', 'ChecksumError'}, 'garbage_bytes'),
-    ('mti300', 'serial', 'stuck'): ({'BusBusy'}, 'bus_errors'),
-    ('mti300', 'serial', 'permission_denied'): ({'PermissionDenied'}, 'bus_errors'),
-    ('bno055', 'serial', 'no_answer'): ({'NoAnswer'}, 'bus_errors'),
-    ('bno055', 'serial', 'unplugged'): ({'NoAnswer'}, 'bus_errors'),
-    ('bno055', 'serial', 'garbage'): ({'FrameError', 'NoAnswer'}, 'uart_errors'),
-    ('bno055', 'serial', 'permission_denied'): ({'PermissionDenied'}, 'bus_errors'),
-    ('bno055', 'i2c', 'no_answer'): ({'NoAnswer'}, 'bus_errors'),
-    ('bno055', 'i2c', 'garbage'): ({'FrameError'}, 'implausible'),
-    ('bno055', 'i2c', 'stuck'): ({'BusBusy'}, 'bus_errors'),
+    ('mti300', 'serial', 'no_answer'): ({NoAnswer}, 'bus_errors'),
+    ('mti300', 'serial', 'unplugged'): ({NoAnswer}, 'bus_errors'),
+    ('mti300', 'serial', 'garbage'): ({FrameError, ChecksumError}, 'garbage_bytes'),
+    ('mti300', 'serial', 'stuck'): ({BusBusy}, 'bus_errors'),
+    ('mti300', 'serial', 'permission_denied'): ({PermissionDenied}, 'bus_errors'),
+    ('bno055', 'serial', 'no_answer'): ({NoAnswer}, 'bus_errors'),
+    ('bno055', 'serial', 'unplugged'): ({NoAnswer}, 'bus_errors'),
+    ('bno055', 'serial', 'garbage'): ({FrameError, NoAnswer}, 'uart_errors'),
+    ('bno055', 'serial', 'permission_denied'): ({PermissionDenied}, 'bus_errors'),
+    ('bno055', 'i2c', 'no_answer'): ({NoAnswer}, 'bus_errors'),
+    ('bno055', 'i2c', 'garbage'): ({FrameError}, 'implausible'),
+    ('bno055', 'i2c', 'stuck'): ({BusBusy}, 'bus_errors'),
 }
 
 
@@ -172,7 +148,7 @@ def test_a_lasting_fault_is_named_counted_and_survived(bench, name, kind, fault)
     errors, counter = LASTING[name, kind, fault]
     made = bench(name, kind)
     before = made.stamps
-    made.line.inject(fault, 0.6)
+    made.bus.inject(fault, 0.6)
     made.run(0.6)
     end = made.clock.now_ns()
     made.run(4.0)
@@ -190,11 +166,11 @@ def test_a_lasting_fault_is_named_counted_and_survived(bench, name, kind, fault)
 @every_line
 def test_a_brown_out_is_found_and_the_device_configured_again(bench, name, kind):
     made = bench(name, kind)
-    made.line.inject('brown_out')
+    made.bus.inject('brown_out')
     begin = made.clock.now_ns()
     made.run(4.0)
     # the BNO055 does not acknowledge its address while it starts
-    assert made.driver.counters['brown_outs'] == 1 or (kind, made.errors) == ('i2c', {'NoAnswer'})
+    assert made.driver.counters['brown_outs'] == 1 or (kind, made.errors) == ('i2c', {NoAnswer})
     assert made.acquisition.error is None
     gap = np.diff(made.stamps).max() * 1e-9
     assert gap < 2.0
@@ -207,7 +183,7 @@ def test_a_brown_out_is_found_and_the_device_configured_again(bench, name, kind)
 def test_what_happens_once_to_the_mti300_costs_a_few_frames_that_are_counted(bench, fault):
     made = bench('mti300')
     n = len(made.stamps)
-    made.line.inject(fault)
+    made.bus.inject(fault)
     made.run(2.0)
     assert made.driver.continuity == 1
     assert made.acquisition.error is None
@@ -223,7 +199,7 @@ def test_what_happens_once_to_the_mti300_costs_a_few_frames_that_are_counted(ben
 
 def test_bit_errors_cost_the_mti300_only_the_frames_they_are_in(bench):
     made = bench('mti300')
-    made.line.inject('bit_errors', 0.6)
+    made.bus.inject('bit_errors', 0.6)
     made.run(3.0)
     counters = made.driver.counters
     assert counters['checksum_errors'] > 5
@@ -236,19 +212,19 @@ def test_bit_errors_cost_the_mti300_only_the_frames_they_are_in(bench):
 def test_what_happens_once_to_the_bno055_is_asked_for_again(bench, fault):
     made = bench('bno055')
     for _ in range(20):
-        made.line.inject(fault)
+        made.bus.inject(fault)
         made.run(0.3)
     assert made.driver.counters['uart_errors'] >= 15
     assert made.acquisition.error is None
     # after each loss the phase of the samples is found anew: uncertain by a period at first
-    made.assert_only_true_samples(0.006, 0.0075)
+    assert_only_true_samples(made, 0.006, 0.0075)
     counted = made.driver.counters['lost_samples']
     assert made.stats.lost >= counted
 
 
 def test_an_overrun_of_the_bno055_is_asked_for_again_and_costs_nothing(bench):
     made = bench('bno055')
-    made.device._overrun_every = 50
+    made.chip._overrun_every = 50
     made.run(10.0)
     assert made.driver.counters['uart_errors'] > 20
     assert made.stats.lost == 0
@@ -258,8 +234,8 @@ def test_an_overrun_of_the_bno055_is_asked_for_again_and_costs_nothing(bench):
 
 def test_frames_that_the_mti300_did_not_send_are_counted_by_its_counter(bench):
     made = bench('mti300')
-    made.device._counter += 7  # as when its line was too slow for seven frames
-    made.device._made += 7
+    made.chip._counter += 7  # as when its line was too slow for seven frames
+    made.chip._made += 7
     made.run(0.5)
     assert made.driver.counters['lost_frames'] == 7
     assert made.stats.lost == 7
@@ -268,7 +244,7 @@ def test_frames_that_the_mti300_did_not_send_are_counted_by_its_counter(bench):
 
 def test_an_error_of_the_mti300_is_named(bench, clock):
     made = bench('mti300')
-    made.device._send(clock.now_ns(), 0x42, b'\x1e')
+    made.chip._send(clock.now_ns(), 0x42, b'\x1e')
     made.run(2.0)
     assert any('0x1E, timer overflow' in text for text in made.texts)
     assert made.driver.counters['device_errors'] == 1
@@ -279,7 +255,7 @@ def test_an_error_of_the_mti300_is_named(bench, clock):
 @pytest.mark.parametrize('kind', ['serial', 'i2c'])
 def test_a_system_error_of_the_bno055_is_named_and_ends_with_a_reset(bench, kind):
     made = bench('bno055', kind)
-    memory = getattr(made.device, 'chip', made.device).memory
+    memory = getattr(made.chip, 'chip', made.chip).memory
     driver = made.driver
     memory.put(driver.state, 1)
     memory.put(driver.error, 9)
@@ -291,10 +267,10 @@ def test_a_system_error_of_the_bno055_is_named_and_ends_with_a_reset(bench, kind
     only_true_samples(made)
 
 
-def test_another_device_is_refused(clock, make_source):
+def test_another_device_is_refused(starting):
     for name in ('mti300', 'bno055'):
-        made = Bench(clock, make_source(), name, 'serial')
-        made.line.inject('wrong_identity')
+        made = starting(name)
+        made.bus.inject('wrong_identity')
         made.run(2.0)
-        assert 'IdentityError' in made.errors
+        assert IdentityError in made.errors
         assert not made.main

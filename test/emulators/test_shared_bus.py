@@ -75,7 +75,7 @@ class Sensor:
             change(at_ns)
             for name in ('_filter', '_force_filter', '_acceleration'):
                 if hasattr(chip, name):
-                    getattr(chip, name)._taps = None
+                    getattr(chip, name)._sections = None
 
         setattr(chip, change.__name__, changed)
         changed(chip._now_ns)

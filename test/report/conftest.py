@@ -5,6 +5,7 @@ from bokeh.core.serialization import Deserializer
 from bokeh.model import Model
 import bokeh.models
 import bokeh.plotting  # noqa: F401, figures are known once it is imported
+from imu_bench.offline.recordings import Recording
 from imu_bench.offline.report.models import document
 import pytest
 
@@ -34,3 +35,18 @@ def check_settings(encoded):
 @pytest.fixture(scope='session')
 def read_by_bokeh():
     return read
+
+
+@pytest.fixture(scope='session')
+def recorded():
+    """Return what makes a recording of samples, as it comes out of a healthy bag."""
+
+    def make(samples, **changes):
+        fields = {
+            'source': 'night.mcap', 'topic': '/imu', 'samples': samples, 'receive_ns': None,
+            'frame_id': 'imu_link', 'announced': len(samples), 'stored': len(samples),
+            'left_out': 0, 'notes': (), 'stamp_source': 'header', 'stamp_reason': 'they increase',
+        }  # fmt: skip
+        return Recording(**(fields | changes))
+
+    return make

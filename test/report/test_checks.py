@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.offline.analyse import analyse
-from imu_bench.offline.recordings import Recording
 from imu_bench.offline.report import checks_figures, checks_text
 from imu_bench.offline.report.page import render
 from imu_bench.offline.results import Analysis
@@ -17,19 +16,14 @@ RATE_HZ = 20.0
 
 
 @pytest.fixture(scope='module')
-def result():
+def result(recorded):
     rng = np.random.default_rng(1)
     n = 60_000
     stamps = 1_700_000_000_000_000_000 + np.arange(n) * int(1e9 / RATE_HZ)
     gyro = rng.normal(0.0, 1e-3, (n, 3))
     gyro[:, 0] += Process(3e-4, 15.0).simulate(n, RATE_HZ, rng)
     gyro[n // 2 :, 1] *= 1.5
-    fields = {
-        'source': 'night.mcap', 'topic': '/imu', 'samples': Samples(stamps, angular_velocity=gyro),
-        'receive_ns': None, 'frame_id': 'imu_link', 'announced': n, 'stored': n, 'left_out': 0,
-        'notes': (), 'stamp_source': 'header', 'stamp_reason': 'they increase',
-    }  # fmt: skip
-    return analyse(Recording(**fields))
+    return analyse(recorded(Samples(stamps, angular_velocity=gyro)))
 
 
 @pytest.fixture(scope='module')

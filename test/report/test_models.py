@@ -9,7 +9,6 @@ from bokeh.models import Column, GlyphRenderer, HoverTool
 from imu_bench.offline.analyse import analyse
 from imu_bench.offline.plans.result import Image, PlanFigure, Series
 from imu_bench.offline.plotting import AXIS_COLOURS, SENSOR_COLOURS, series_colours
-from imu_bench.offline.recordings import Recording
 from imu_bench.offline.report import checks_figures, figures, plan_figures
 from imu_bench.offline.report.chart import Chart
 from imu_bench.offline.report.models import columns, document, glyph, Model
@@ -19,19 +18,14 @@ import pytest
 
 
 @pytest.fixture(scope='module')
-def result():
+def result(recorded):
     rng = np.random.default_rng(7)
     n = 12_000
     stamps = np.arange(n) * 10_000_000 + rng.integers(0, 100_000, n)
     gyro = rng.normal(0.0, 1e-3, (n, 3))
     gyro[:, 0] += 0.02 * np.sin(2 * np.pi * 12.5 * np.arange(n) / 100.0)
     gyro[6000:6500, 2] += 0.3
-    fields = {
-        'source': 'night.mcap', 'topic': '/imu', 'samples': Samples(stamps, angular_velocity=gyro),
-        'receive_ns': None, 'frame_id': 'imu_link', 'announced': n, 'stored': n, 'left_out': 0,
-        'notes': (), 'stamp_source': 'header', 'stamp_reason': 'they increase',
-    }  # fmt: skip
-    return analyse(Recording(**fields))
+    return analyse(recorded(Samples(stamps, angular_velocity=gyro)))
 
 
 @pytest.fixture(scope='module')

@@ -6,7 +6,6 @@ from dataclasses import replace
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline import comparison
 from imu_bench.offline.analyse import analyse
-from imu_bench.offline.recordings import Recording
 from imu_bench.offline.report import campaign_page, summary, text
 from imu_bench.offline.results import Analysis, Failure, RecordingResult
 from imu_bench.samples import Samples
@@ -16,36 +15,34 @@ import pytest
 RATE_HZ = 100.0
 
 
-def recording(topic, gyro):
-    n = len(gyro)
-    stamps = 1_700_000_000_000_000_000 + np.arange(n) * int(1e9 / RATE_HZ)
-    fields = {
-        'source': 'night.mcap', 'topic': topic, 'samples': Samples(stamps, angular_velocity=gyro),
-        'receive_ns': None, 'frame_id': '', 'announced': n, 'stored': n, 'left_out': 0,
-        'notes': (), 'stamp_source': 'header', 'stamp_reason': 'they increase',
-    }  # fmt: skip
-    return analyse(Recording(**fields))
+@pytest.fixture(scope='module')
+def analysed(recorded):
+    def make(topic, gyro):
+        stamps = 1_700_000_000_000_000_000 + np.arange(len(gyro)) * int(1e9 / RATE_HZ)
+        return analyse(recorded(Samples(stamps, angular_velocity=gyro), topic=topic))
+
+    return make
 
 
 @pytest.fixture(scope='module')
-def quiet():
-    return recording('/quiet', np.random.default_rng(1).normal(0.0, 1e-3, (20_000, 3)))
+def quiet(analysed):
+    return analysed('/quiet', np.random.default_rng(1).normal(0.0, 1e-3, (20_000, 3)))
 
 
 @pytest.fixture(scope='module')
-def loud():
-    return recording('/loud', np.random.default_rng(2).normal(0.0, 3e-3, (20_000, 3)))
+def loud(analysed):
+    return analysed('/loud', np.random.default_rng(2).normal(0.0, 3e-3, (20_000, 3)))
 
 
 @pytest.fixture(scope='module')
-def blocking():
+def blocking(analysed):
     noise = np.random.default_rng(3).normal(0.0, 1e-4, (20_001, 3))
     slow = np.zeros(3)
     passed = np.empty((20_000, 3))
     for k in range(20_000):  # a high-pass of first order, 1.6 Hz
         slow = 0.9 * (slow + noise[k + 1] - noise[k])
         passed[k] = slow
-    return recording('/blocking', passed)
+    return analysed('/blocking', passed)
 
 
 def said(*recordings, failures=()):

@@ -18,7 +18,7 @@ import sys
 import gi
 
 gi.require_version('UMockdev', '1.0')
-from gi.repository import GLib, UMockdev  # noqa: E402
+from gi.repository import GLib, UMockdev  # noqa: E402, the version comes first
 
 # linux/i2c-dev.h, linux/i2c.h
 I2C_FUNCS, I2C_RDWR, I2C_SLAVE, I2C_SMBUS = 0x0705, 0x0707, 0x0703, 0x0720

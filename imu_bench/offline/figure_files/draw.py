@@ -6,26 +6,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from imu_bench.offline import plotted
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.figure_files.style import canvas, HEIGHT, legend_above, logarithmic, MARKERS
 from imu_bench.offline.plotting import (
-    allan_unit,
-    allan_view,
     AXIS_COLOURS,
     AXIS_DASHES,
     AXIS_MARKERS,
-    density_unit,
-    density_view,
-    drawable,
     Drawn,
     FAINT,
     few,
     INK,
-    level_unit,
-    model_parts,
-    model_tau,
     of_all,
-    time_unit,
 )
 from imu_bench.offline.results import RecordingResult
 from imu_bench.units import convert
@@ -33,7 +25,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-import numpy as np
 
 _TAU, _FREQUENCY = 'averaging time τ in s', 'frequency in Hz'
 _STRIP = 1.15  # inches: one axis of a time series
@@ -42,8 +33,8 @@ _SIGNALS = {'linear_acceleration': 'acceleration', 'angular_velocity': 'angular 
 
 def allan(axes: Sequence[AxisResult]) -> Figure:
     """Return Allan deviation, interval, fitted model and its parts of one quantity."""
-    drawn = [axis for axis in axes if drawable(axis)]
-    unit = allan_unit(drawn)
+    drawn = [axis for axis in axes if plotted.drawable(axis)]
+    unit = plotted.allan_unit(drawn)
     figure, [ax] = canvas()
     for axis in drawn:
         curve, colour = axis.allan, AXIS_COLOURS[axis.letter]
@@ -57,8 +48,8 @@ def allan(axes: Sequence[AxisResult]) -> Figure:
             curve.tau, curve.deviation * factor, color=colour, label=axis.letter,
             marker=MARKERS[AXIS_MARKERS[axis.letter]],
         )  # fmt: skip
-        _model(ax, axis, factor, colour)
-    logarithmic(ax, _TAU, f'Allan deviation in {unit}', allan_view(drawn, unit))
+        _model(ax, axis, unit, colour)
+    logarithmic(ax, _TAU, f'Allan deviation in {unit}', plotted.allan_view(drawn, unit))
     level = f'{100.0 * drawn[0].allan.confidence:g} % interval' if drawn[0].allan else 'interval'
     extra = [
         Patch(color=FAINT, alpha=0.25, lw=0, label=level),
@@ -70,33 +61,26 @@ def allan(axes: Sequence[AxisResult]) -> Figure:
     return figure
 
 
-def _model(ax: Axes, axis: AxisResult, factor: float, colour: str) -> None:
-    tau = model_tau(axis)
-    if tau is None:
-        return
-    for part in model_parts(axis.model, tau):
-        ax.plot(tau, part * factor, color=colour, ls=':', lw=0.7)
-    fitted = tau[(tau >= axis.model.tau_low) & (tau <= axis.model.tau_high)]
-    ax.plot(fitted, axis.model.deviation(fitted) * factor, color=INK, ls='--', lw=0.9, zorder=3)
+def _model(ax: Axes, axis: AxisResult, unit: str, colour: str) -> None:
+    for part in plotted.fitted_parts(axis, unit):
+        ax.plot(*part, color=colour, ls=':', lw=0.7)
+    fit = plotted.fitted(axis, unit)
+    if fit is not None:
+        ax.plot(*fit, color=INK, ls='--', lw=0.9, zorder=3)
 
 
 def spectrum(axes: Sequence[AxisResult]) -> Figure:
     """Return the amplitude density with the white noise density of the fit."""
     drawn = [axis for axis in axes if axis.psd is not None]
-    unit = density_unit(drawn)
+    unit = plotted.density_unit(drawn)
     figure, [ax] = canvas()
     for axis in drawn:
-        size = 0 if axis.psd is None else axis.psd.frequency.size
-        _density(
-            ax, axis, unit, axis.letter,
-            color=AXIS_COLOURS[axis.letter], marker=MARKERS[AXIS_MARKERS[axis.letter]],
-            markevery=few(size),
-        )  # fmt: skip
-        level = axis.noise_density
-        if level.value is not None and not axis.white_from_spectrum:
-            height = convert(level.value, level.unit, unit)
-            ax.axhline(height, color=AXIS_COLOURS[axis.letter], ls='--', lw=0.9)
-    logarithmic(ax, _FREQUENCY, f'amplitude density in {unit}', density_view(drawn, unit))
+        colour, marker = AXIS_COLOURS[axis.letter], MARKERS[AXIS_MARKERS[axis.letter]]
+        _density(ax, axis, unit, axis.letter, color=colour, marker=marker)
+        height = plotted.white_level(axis, unit)
+        if height is not None:
+            ax.axhline(height, color=colour, ls='--', lw=0.9)
+    logarithmic(ax, _FREQUENCY, f'amplitude density in {unit}', plotted.density_view(drawn, unit))
     handles, _ = ax.get_legend_handles_labels()
     white = Line2D([], [], color=FAINT, ls='--', lw=0.9, label='√2 N (Allan)')
     legend_above(ax, [*handles, white])
@@ -104,28 +88,20 @@ def spectrum(axes: Sequence[AxisResult]) -> Figure:
 
 
 def _density(ax: Axes, axis: AxisResult, unit: str, label: str | None, **look: Any) -> None:
-    psd = axis.psd
-    if psd is None:
-        return
-    shown = psd.density > 0.0
-    height = np.sqrt(psd.density[shown]) * convert(1.0, f'{axis.unit}/√Hz', unit)
-    ax.plot(psd.frequency[shown], height, lw=0.9, label=label, **look)
+    curve = plotted.density(axis, unit)
+    if curve is not None:
+        ax.plot(*curve, lw=0.9, label=label, markevery=few(curve.x.size), **look)
 
 
 def time_series(axes: Sequence[AxisResult], recording: RecordingResult) -> Figure:
     """Return one strip per axis, each about its own mean, with motion shaded."""
-    unit = level_unit(axes)
-    clock = time_unit(recording.health.duration_s)
+    unit = plotted.level_unit(axes)
+    clock = plotted.time_unit(recording.health.duration_s)
     figure, strips = canvas(len(axes), 0.5 + _STRIP * len(axes))
     for axis, ax in zip(axes, strips, strict=True):
-        envelope = axis.envelope
-        if envelope is not None:
-            # lowest and highest in turn: at this density the eye sees a filled band
-            values = np.column_stack([envelope.low, envelope.high]).ravel()
-            centred = values - (axis.statistics['mean'].value or 0.0)
-            time = np.repeat(envelope.time, 2) * convert(1.0, 's', clock)
-            scaled = centred * convert(1.0, axis.unit, unit)
-            ax.plot(time, scaled, color=AXIS_COLOURS[axis.letter], lw=0.5)
+        trace = plotted.trace(axis, unit, clock)
+        if trace is not None:
+            ax.plot(*trace, color=AXIS_COLOURS[axis.letter], lw=0.5)
         for begin, end in recording.health.motion:
             left, right = convert(begin, 's', clock), convert(end, 's', clock)
             ax.axvspan(left, right, color='#e8a33d', alpha=0.2, lw=0)
@@ -138,20 +114,15 @@ def time_series(axes: Sequence[AxisResult], recording: RecordingResult) -> Figur
 
 def histogram(axes: Sequence[AxisResult]) -> Figure:
     """Return the distribution of each axis about its mean with the normal one of the same σ."""
-    unit = level_unit(axes)
+    unit = plotted.level_unit(axes)
     figure, [ax] = canvas()
     for axis in axes:
-        found = axis.histogram
-        if found is None:
+        bars = plotted.bars(axis, unit)
+        if bars is None:
             continue
-        mean, factor = axis.statistics['mean'].value or 0.0, convert(1.0, axis.unit, unit)
-        edges, total = (found.edges - mean) * factor, found.count.sum()
         colour = AXIS_COLOURS[axis.letter]
-        width = np.diff(edges)
-        ax.stairs(100.0 * found.count / total / width, edges, fill=True, color=colour, alpha=0.25,
-                  label=axis.letter)  # fmt: skip
-        middle = 0.5 * (edges[1:] + edges[:-1])
-        ax.plot(middle, 100.0 * found.expected / total / width, color=colour, lw=1.0)
+        ax.stairs(bars.share, bars.edges, fill=True, color=colour, alpha=0.25, label=axis.letter)
+        ax.plot(bars.middle, bars.expected, color=colour, lw=1.0)
     handles, _ = ax.get_legend_handles_labels()
     normal = Line2D([], [], color=FAINT, lw=1.0, label='normal of the same σ')
     legend_above(ax, [*handles, normal])
@@ -165,16 +136,17 @@ def compare_allan(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
 ) -> Figure:
     """Return the Allan deviations of all sensors: one colour each, one dash pattern per axis."""
-    rows = [row for row in of_all(recordings, labels, quantity) if drawable(row.axis)]
+    rows = [row for row in of_all(recordings, labels, quantity) if plotted.drawable(row.axis)]
     axes = [row.axis for row in rows]
-    unit = allan_unit(axes)
+    unit = plotted.allan_unit(axes)
     figure, [ax] = canvas(height=HEIGHT * 1.15)
     for row in rows:
         if row.axis.allan is not None:
             height = row.axis.allan.deviation * convert(1.0, row.axis.unit, unit)
-            ax.plot(row.axis.allan.tau, height, lw=1.1, **_look(row, height.size))
+            every = few(height.size)
+            ax.plot(row.axis.allan.tau, height, lw=1.1, markevery=every, **_look(row))
     label = f'Allan deviation of {_SIGNALS[quantity]} in {unit}'
-    logarithmic(ax, _TAU, label, allan_view(axes, unit))
+    logarithmic(ax, _TAU, label, plotted.allan_view(axes, unit))
     _sensors_legend(ax, rows)
     return figure
 
@@ -185,24 +157,22 @@ def compare_spectrum(
     """Return the amplitude densities of all sensors."""
     rows = [row for row in of_all(recordings, labels, quantity) if row.axis.psd is not None]
     axes = [row.axis for row in rows]
-    unit = density_unit(axes)
+    unit = plotted.density_unit(axes)
     figure, [ax] = canvas(height=HEIGHT * 1.15)
     for row in rows:
-        size = 0 if row.axis.psd is None else row.axis.psd.frequency.size
-        _density(ax, row.axis, unit, None, **_look(row, size))
+        _density(ax, row.axis, unit, None, **_look(row))
     label = f'density of {_SIGNALS[quantity]} in {unit}'
-    logarithmic(ax, _FREQUENCY, label, density_view(axes, unit))
+    logarithmic(ax, _FREQUENCY, label, plotted.density_view(axes, unit))
     _sensors_legend(ax, rows)
     return figure
 
 
-def _look(row: Drawn, size: int) -> dict[str, Any]:
+def _look(row: Drawn) -> dict[str, Any]:
     """Return colour and marker of the sensor and dashes of the axis."""
     return {
         'color': row.colour,
         'ls': AXIS_DASHES[row.axis.letter],
         'marker': MARKERS[row.marker],
-        'markevery': few(size),
         'ms': 3.5,
     }
 

@@ -37,7 +37,7 @@ MARKERS = {
 _DPI = 300
 _LETTER, _HANDLE = 0.062, 0.42  # inches: of a legend
 _FEW_DECADES = 50.0  # ratio of the ends of an axis
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     'font.family': 'DejaVu Sans',  # comes with matplotlib, and has √, µ and °
     'font.size': 9,
     'axes.titlesize': 9,
@@ -71,7 +71,7 @@ _STYLE: dict[str, Any] = {
 @contextmanager
 def look() -> Iterator[None]:
     """Apply the style within a block, and leave that of the caller alone."""
-    with rc_context(_STYLE):  # type: ignore[arg-type]
+    with rc_context(_STYLE):
         yield
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from imu_bench.offline.comparison import labels
 from imu_bench.offline.figure_files import draw
 from imu_bench.offline.figure_files.style import file_names, look, save
-from imu_bench.offline.plotting import drawable
+from imu_bench.offline.plotted import drawable
 from imu_bench.offline.results import Analysis, RecordingResult
 from imu_bench.samples import IMU_QUANTITIES
 from matplotlib.figure import Figure

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.gauss_markov_result import Trace
 from imu_bench.offline.notation import readable_unit
-from imu_bench.offline.plotting import AXIS_COLOURS, FAINT, time_unit
+from imu_bench.offline.plotted import time_unit
+from imu_bench.offline.plotting import AXIS_COLOURS, FAINT
 from imu_bench.offline.report.chart import Chart
 from imu_bench.offline.report.models import columns, Model
 from imu_bench.offline.results import RecordingResult

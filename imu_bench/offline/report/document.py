@@ -6,6 +6,7 @@ from __future__ import annotations
 from functools import cache
 import json
 from pathlib import Path
+import re
 from typing import Any
 
 import bokeh
@@ -15,6 +16,9 @@ import jinja2
 from markupsafe import Markup
 
 _FOLDER = Path(__file__).parent
+_UNIT = r'±|%|[mµn]?(?:°|g\b|m\b|s\b|rad\b)|(?:Hz|kHz|h|d|min|dB|rpm|ppm)\b'
+_NUMBER = re.compile(rf'(?<=[\d⁰-⁹)]) (?={_UNIT})|(?<=±) (?=\d)')
+"""The space between a number and its unit, and around the sign before its uncertainty."""
 
 
 class Places:
@@ -77,12 +81,26 @@ def _library() -> str:
     return (folder / 'bokeh.min.js').read_text(encoding='utf-8')
 
 
+def bound(text: str) -> str:
+    r"""
+    Return text in which a line does not end between a number and its unit.
+
+    Examples
+    --------
+    >>> bound('at most 0.0052 ± 0.0004 °') == 'at most 0.0052\u00a0±\u00a00.0004\u00a0°'
+    True
+    """
+    return _NUMBER.sub('\u00a0', text)
+
+
 @cache
 def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_FOLDER),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
+    environment.filters['bound'] = bound
+    return environment

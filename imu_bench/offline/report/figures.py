@@ -5,27 +5,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from imu_bench.metrology.normality import Histogram
+from imu_bench.offline import plotted
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.notation import number
 from imu_bench.offline.plotting import (
-    allan_unit,
-    allan_view,
     AXIS_COLOURS,
     AXIS_DASHES,
     AXIS_MARKERS,
-    density_unit,
-    density_view,
-    drawable,
     Drawn,
     FAINT,
     few,
     INK,
-    level_unit,
-    model_parts,
-    model_tau,
     of_all,
-    time_unit,
 )
 from imu_bench.offline.report.chart import Chart, HEIGHT
 from imu_bench.offline.report.models import columns, glyph, Model
@@ -41,15 +32,13 @@ _TAU, _FREQUENCY = 'averaging time τ in s', 'frequency in Hz'
 _LOW = 200  # px, where the shape says it all
 _TALL = 440  # px, where many sensors share a plot
 _STRIP, _TOOLS, _LABELS = 98, 26, 34  # px: one axis of a time series, its tools, its time axis
-_MARGIN = 1.6  # factor of empty space above and below the data of a logarithmic plot
 _NAMED_TONES = 3
-_HALF_VIEW = 4.0  # factor above and below the middle of a spectrum that is always shown
 
 
 def time_series(axes: Sequence[AxisResult], recording: RecordingResult) -> Model:
     """Return one strip per axis, each about its own mean, with motion shaded."""
-    unit = level_unit(axes)
-    clock = time_unit(recording.health.duration_s)
+    unit = plotted.level_unit(axes)
+    clock = plotted.time_unit(recording.health.duration_s)
     strips: list[Model] = []
     shared: Model | None = None
     for axis in axes:
@@ -73,9 +62,9 @@ def time_series(axes: Sequence[AxisResult], recording: RecordingResult) -> Model
 
 def allan(axes: Sequence[AxisResult]) -> Model:
     """Return Allan deviation, interval, fitted model and its parts, for all axes of a quantity."""
-    unit = allan_unit(axes)
+    unit = plotted.allan_unit(axes)
     chart = Chart(_TAU, f'Allan deviation in {unit}', log_x=True, log_y=True)
-    drawn = [axis for axis in axes if drawable(axis)]
+    drawn = [axis for axis in axes if plotted.drawable(axis)]
     for axis in drawn:
         colour = AXIS_COLOURS[axis.letter]
         source = _curve(axis, unit)
@@ -91,14 +80,14 @@ def allan(axes: Sequence[AxisResult]) -> Model:
         _model(chart, axis, unit)
     for axis in drawn:
         _parts(chart, axis, unit)
-    _show(chart, allan_view(drawn, unit))
+    _show(chart, plotted.allan_view(drawn, unit))
     return chart.finish()
 
 
 def spectrum(axes: Sequence[AxisResult]) -> Model:
     """Return the amplitude density with the white noise density and the tones marked."""
     drawn = [axis for axis in axes if axis.psd is not None]
-    unit = density_unit(axes)
+    unit = plotted.density_unit(axes)
     chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log_x=True, log_y=True)
     for axis in drawn:
         colour = AXIS_COLOURS[axis.letter]
@@ -108,19 +97,21 @@ def spectrum(axes: Sequence[AxisResult]) -> Model:
         _white_level(chart, axis, unit)
     for axis in drawn:
         _tones(chart, axis, unit)
-    _show(chart, density_view(drawn, unit))
+    _show(chart, plotted.density_view(drawn, unit))
     return chart.finish()
 
 
 def histogram(axes: Sequence[AxisResult]) -> Model:
     """Return the distribution of each axis about its mean, and the normal one of the same σ."""
-    unit = level_unit(axes)
+    unit = plotted.level_unit(axes)
     chart = Chart(f'deviation from the mean in {unit}', f'share in % per {unit}')
     chart.figure.set(y_range=Model('DataRange1d', start=0))
-    for axis in axes:
-        _bars(chart, axis, unit)
-    for axis in axes:
-        _normal(chart, axis, unit)
+    drawn = [(axis, bars) for axis in axes if (bars := plotted.bars(axis, unit)) is not None]
+    for axis, bars in drawn:
+        _bars(chart, axis, bars, unit)
+    for axis, bars in drawn:
+        source = columns(x=bars.middle, y=bars.expected)
+        chart.line(source, 'x', 'y', 'normal', color=AXIS_COLOURS[axis.letter], width=1.5)
     return chart.finish()
 
 
@@ -146,9 +137,9 @@ def compare_allan(
     recordings: Sequence[RecordingResult], labels: Sequence[str], quantity: str
 ) -> Model:
     """Return the Allan deviations of all sensors: one colour each, one dash pattern per axis."""
-    rows = [row for row in of_all(recordings, labels, quantity) if drawable(row.axis)]
+    rows = [row for row in of_all(recordings, labels, quantity) if plotted.drawable(row.axis)]
     axes = [row.axis for row in rows]
-    unit = allan_unit(axes)
+    unit = plotted.allan_unit(axes)
     chart = Chart(_TAU, f'Allan deviation in {unit}', log_x=True, log_y=True, height=_TALL)
     for row in rows:
         source = _curve(row.axis, unit)
@@ -160,7 +151,7 @@ def compare_allan(
         if (curve := row.axis.allan) is not None:
             height = curve.deviation * convert(1.0, row.axis.unit, unit)
             _mark(chart, row, curve.tau, height)
-    _show(chart, allan_view(axes, unit))
+    _show(chart, plotted.allan_view(axes, unit))
     return chart.finish()
 
 
@@ -170,12 +161,12 @@ def compare_spectrum(
     """Return the amplitude densities of all sensors."""
     rows = [row for row in of_all(recordings, labels, quantity) if row.axis.psd is not None]
     axes = [row.axis for row in rows]
-    unit = density_unit(axes)
+    unit = plotted.density_unit(axes)
     chart = Chart(_FREQUENCY, f'amplitude density in {unit}', log_x=True, log_y=True, height=_TALL)
     for row in rows:
         _density(chart, row.axis, unit, row.colour, row.label, AXIS_DASHES[row.axis.letter])
         _mark_density(chart, row, unit)
-    _show(chart, density_view(axes, unit))
+    _show(chart, plotted.density_view(axes, unit))
     return chart.finish()
 
 
@@ -198,37 +189,28 @@ def _mark(chart: Chart, row: Drawn, x: Floats, y: Floats) -> None:
 
 
 def _mark_density(chart: Chart, row: Drawn, unit: str) -> None:
-    if (psd := row.axis.psd) is not None:
-        height = np.sqrt(psd.density) * convert(1.0, f'{row.axis.unit}/√Hz', unit)
-        _mark(chart, row, psd.frequency, height)
+    if (curve := plotted.density(row.axis, unit)) is not None:
+        _mark(chart, row, *curve)
 
 
 def _trace(strip: Chart, axis: AxisResult, unit: str, clock: str) -> None:
-    envelope = axis.envelope
-    if envelope is None:
+    trace = plotted.trace(axis, unit, clock)
+    if trace is None:
         return
-    # lowest and highest in turn: at this density the eye sees the filled band of a scope
-    values = np.column_stack([envelope.low, envelope.high]).ravel()
-    centred = (values - (axis.statistics['mean'].value or 0.0)) * convert(1.0, axis.unit, unit)
-    time = np.repeat(envelope.time, 2) * convert(1.0, 's', clock)
-    source = columns(time=time, value=centred)
+    source = columns(time=trace.x, value=trace.y)
     line = strip.line(source, 'time', 'value', '', color=AXIS_COLOURS[axis.letter])
     strip.hover(
         [line], [('time', f'@time{{%.4g}} {clock}'), (axis.letter, f'@value{{%.4g}} {unit}')]
     )
 
 
-def _bars(chart: Chart, axis: AxisResult, unit: str) -> None:
-    found = axis.histogram
-    if found is None:
-        return
-    edges = _centred_edges(axis, found, unit)
+def _bars(chart: Chart, axis: AxisResult, shown: plotted.Bars, unit: str) -> None:
     quad = glyph(
         'Quad', {'left': 'left', 'right': 'right', 'top': 'share'}, bottom=0, line_color=None,
         fill_color=AXIS_COLOURS[axis.letter], fill_alpha=0.22,
     )  # fmt: skip
-    share = 100.0 * found.count / found.count.sum() / np.diff(edges)
-    bars = chart.draw(quad, columns(left=edges[:-1], right=edges[1:], share=share), axis.letter)
+    source = columns(left=shown.edges[:-1], right=shown.edges[1:], share=shown.share)
+    bars = chart.draw(quad, source, axis.letter)
     chart.hover(
         [bars],
         [
@@ -236,22 +218,6 @@ def _bars(chart: Chart, axis: AxisResult, unit: str) -> None:
             ('share', f'@share{{%.3g}} % per {unit}'),
         ],
     )
-
-
-def _normal(chart: Chart, axis: AxisResult, unit: str) -> None:
-    found = axis.histogram
-    if found is None:
-        return
-    edges = _centred_edges(axis, found, unit)
-    source = columns(
-        x=0.5 * (edges[1:] + edges[:-1]),
-        y=100.0 * found.expected / found.count.sum() / np.diff(edges),
-    )
-    chart.line(source, 'x', 'y', 'normal', color=AXIS_COLOURS[axis.letter], width=1.5)
-
-
-def _centred_edges(axis: AxisResult, found: Histogram, unit: str) -> Floats:
-    return (found.edges - (axis.statistics['mean'].value or 0.0)) * convert(1.0, axis.unit, unit)
 
 
 def _curve(axis: AxisResult, unit: str) -> Model:
@@ -277,36 +243,31 @@ def _curve_tooltips(title: str, unit: str) -> list[tuple[str, str]]:
 
 
 def _model(chart: Chart, axis: AxisResult, unit: str) -> None:
-    tau = model_tau(axis)
-    if tau is not None:
-        tau = tau[(tau >= axis.model.tau_low) & (tau <= axis.model.tau_high)]
-        fit = axis.model.deviation(tau) * convert(1.0, axis.unit, unit)
-        source = columns(tau=tau, fit=fit)
+    if (fit := plotted.fitted(axis, unit)) is not None:
+        source = columns(tau=fit.x, fit=fit.y)
         chart.line(source, 'tau', 'fit', 'fit', color=INK, width=1.2, dash=[6, 3])
 
 
 def _parts(chart: Chart, axis: AxisResult, unit: str) -> None:
-    tau = model_tau(axis)
-    if tau is None:
+    parts = plotted.fitted_parts(axis, unit)
+    if not parts:
         return
-    parts = [part * convert(1.0, axis.unit, unit) for part in model_parts(axis.model, tau)]
     lines = glyph(
         'MultiLine', {'xs': 'tau', 'ys': 'part'}, line_color=AXIS_COLOURS[axis.letter],
         line_dash=[2, 3],
     )  # fmt: skip
-    source = columns(tau=np.tile(tau, (len(parts), 1)), part=np.array(parts))
+    tau, part = np.array(parts).transpose(1, 0, 2)
+    source = columns(tau=tau, part=part)
     chart.draw(lines, source, 'its parts')
 
 
 def _density(
     chart: Chart, axis: AxisResult, unit: str, colour: str, label: str, dash: str
 ) -> None:
-    psd = axis.psd
-    if psd is None:
+    curve = plotted.density(axis, unit)
+    if curve is None:
         return
-    shown = psd.density > 0.0
-    height = np.sqrt(psd.density[shown]) * convert(1.0, f'{axis.unit}/√Hz', unit)
-    source = columns(frequency=psd.frequency[shown], density=height)
+    source = columns(frequency=curve.x, density=curve.y)
     line = chart.line(source, 'frequency', 'density', label, color=colour, width=1.3, dash=dash)
     title = label if label == axis.letter else f'{label} {axis.letter}'
     chart.hover([line], [(title, f'@density{{%.4g}} {unit}'), ('f', '@frequency{%.4g} Hz')])
@@ -314,10 +275,9 @@ def _density(
 
 def _white_level(chart: Chart, axis: AxisResult, unit: str) -> None:
     """Draw the noise density that the table gives, over the whole band."""
-    level = axis.noise_density
-    if level.value is None or axis.psd is None or axis.white_from_spectrum:
+    height = plotted.white_level(axis, unit)
+    if height is None or axis.psd is None:
         return
-    height = convert(level.value, level.unit, unit)
     source = columns(x=axis.psd.frequency[[0, -1]], y=np.full(2, height))
     colour = AXIS_COLOURS[axis.letter]
     chart.line(source, 'x', 'y', '√2 N', color=colour, width=1.2, dash=[6, 3])

@@ -11,11 +11,12 @@ from typing import Any
 from imu_bench.offline import comparison
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.comparison import Comparison
-from imu_bench.offline.plotting import drawable
+from imu_bench.offline.plotted import drawable
 from imu_bench.offline.report import (
     against_datasheet,
     checks_figures,
     checks_text,
+    dead_reckoning,
     figures,
     pasted,
     summary,
@@ -64,6 +65,7 @@ def render(analysis: Analysis) -> str:
         judgements=against_datasheet.lines(compared.verdicts, doubtful),
         sheets=against_datasheet.sources(compared.verdicts),
         unjudged=[name for name in compared.labels if name not in judged],
+        reckonings=dead_reckoning.tables(analysis.recordings, compared.labels),
         failures=analysis.failures,
         sensors=sensors,
         together=together,

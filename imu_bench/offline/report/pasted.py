@@ -7,7 +7,10 @@ from imu_bench.errors import RecordingError
 from imu_bench.offline import exports
 from imu_bench.offline.results import Analysis, RecordingResult
 
-_NAMES = ('kalibr', 'vins', 'gtsam', 'sensor_msgs', 'robot_localization', 'gz-sim', 'kalman')
+_NAMES = (
+    'kalibr', 'openvins', 'orb-slam3', 'vins', 'gtsam', 'robot_localization', 'sensor_msgs',
+    'gz-sim', 'kalman',
+)  # fmt: skip
 
 
 def blocks(recording: RecordingResult) -> list[tuple[str, str]]:

@@ -7,7 +7,7 @@ import os
 from typing import Any
 
 from imu_bench import __version__
-from imu_bench.offline.notation import number
+from imu_bench.offline.notation import bare
 from imu_bench.offline.plans import shown
 from imu_bench.offline.plans.result import PlanResult, Table
 from imu_bench.offline.plotting import series_colours
@@ -69,7 +69,7 @@ def _setting(item: tuple[str, Any]) -> tuple[str, str]:
     if isinstance(value, dict) and set(value) == {'value', 'unit'}:
         unit = '°' if value['unit'] == 'rad' else value['unit']
         numbers = value['value'] if isinstance(value['value'], list) else [value['value']]
-        shown = (number(convert(one, value['unit'], unit), _DIGITS) for one in numbers)
+        shown = (bare(convert(one, value['unit'], unit), _DIGITS) for one in numbers)
         return name, f'{", ".join(shown)} {unit}'
     if isinstance(value, list | tuple):
         return name, ', '.join(map(str, value))

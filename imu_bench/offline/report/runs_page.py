@@ -9,7 +9,7 @@ from typing import Any
 from imu_bench import __version__
 from imu_bench.offline import across_text
 from imu_bench.offline.across import Across
-from imu_bench.offline.plotting import drawable
+from imu_bench.offline.plotted import drawable
 from imu_bench.offline.report import figures, text
 from imu_bench.offline.report.document import page, Places
 from imu_bench.offline.whole_files import write_text

@@ -1,12 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-What every sensor driver is made of.
-
-A sensor file declares, in this order: document, identity, register map, fields, channels,
-sequences, typical values, witnesses; then the little code that reads its stream.  Everything
-else (parameters, their descriptors, YAML validation, the README row, the emulator, the
-conformance test) comes from these declarations.
-"""
+"""What every sensor driver has: settings, identity, configuration, recovery, counters."""
 
 from __future__ import annotations
 
@@ -18,15 +11,13 @@ from typing import Any, ClassVar
 from imu_bench.bus.counting import CountingBus
 from imu_bench.bus.interface import ByteStream, Clock, DaqBoard, FrameBus, RegisterBus
 from imu_bench.bus.register_access import Registers
-from imu_bench.bus.updates import Look, Updates
 from imu_bench.bus.wiring import Wiring
 from imu_bench.config.schema import check_all, raise_if_any, Setting
-from imu_bench.errors import BusError, IdentityError, NoAnswer
+from imu_bench.errors import IdentityError, NoAnswer
 from imu_bench.registers import (
     Channel,
     Field,
     Identity,
-    Register,
     RegisterMap,
     Sequence,
     Typical,
@@ -37,22 +28,7 @@ from imu_bench.samples import Samples
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    'Bus',
-    'Driver',
-    'FifoDriver',
-    'Identity',
-    'PolledDriver',
-    'Setting',
-    'Typical',
-    'Witness',
-    'choice',
-]
-
 Bus = RegisterBus | FrameBus | ByteStream | DaqBoard
-
-COMMON_COUNTERS = ('bus_errors', 'brown_outs', 'restarts', 'saturated')
-"""What every driver counts: a restart is a stream that was begun anew because of a failure."""
 
 
 def choice(name: str, field: Field, default: Value, description: str) -> Setting:
@@ -94,7 +70,8 @@ class Driver(RegisterMap, ABC):
     values : dict
         Every setting.
     counters : Counter
-        What happened, by the names in `counter_names`; all of them are there from the start.
+        What happened, by the names in `counter_names` of the class and its bases; all of them
+        are there from the start.  A restart is a stream begun anew because of a failure.
     configured : bool
         The chip holds the settings, as far as is known.
     trims : dict
@@ -104,6 +81,8 @@ class Driver(RegisterMap, ABC):
         that the clock model starts anew and the gap is counted.
     dated : bool
         False while they are read so seldom that only the time tells how many passed in between.
+    rates_hz : mapping of str to float
+        The nominal rate of each quantity that has one of its own.
     skipped : dict of int to int
         Of a chip that numbers its samples: how many are missing before a run of those that
         `read` returned last, by the place of the run.  The clock model goes on then.
@@ -118,7 +97,10 @@ class Driver(RegisterMap, ABC):
     wiring: ClassVar[Mapping[str, Wiring]]
     identities: ClassVar[tuple[Identity, ...]] = ()
     settings: ClassVar[tuple[Setting, ...]] = ()
-    counter_names: ClassVar[tuple[str, ...]] = ()
+    counter_names: ClassVar[tuple[str, ...]] = (
+        'bus_errors', 'brown_outs', 'restarts', 'saturated'
+    )  # fmt: skip
+    """What is counted, beside what the bases of a class count."""
     reset_steps: ClassVar[Sequence] = ()
     start_steps: ClassVar[Sequence] = ()
     stop_steps: ClassVar[Sequence] = ()
@@ -131,10 +113,15 @@ class Driver(RegisterMap, ABC):
         self.values = self.check_settings(settings)
         self.clock = clock
         self.counters: Counter[str] = Counter(
-            dict.fromkeys((*COMMON_COUNTERS, *self.counter_names), 0)
+            {
+                name: 0
+                for base in reversed(type(self).__mro__)
+                for name in vars(base).get('counter_names', ())
+            }
         )
         self.continuity = 0
         self.dated = True
+        self.rates_hz: Mapping[str, float] = {}
         self.skipped: dict[int, int] = {}
         self.configured = False
         self.trims: dict[str, Any] = {}
@@ -165,7 +152,7 @@ class Driver(RegisterMap, ABC):
     @classmethod
     def channels_on(cls, kind: str) -> Mapping[str, Channel]:
         """Return the channels that a sensor on such a bus has, by name."""
-        return cls.declared(Channel)  # type: ignore[type-abstract]
+        return cls.channels()
 
     def register_buses(self, wires: Mapping[str, Any]) -> Mapping[str, RegisterBus]:
         """
@@ -183,9 +170,9 @@ class Driver(RegisterMap, ABC):
         return 0.0
 
     @property
-    @abstractmethod
     def rate_hz(self) -> float:
         """Return the nominal output data rate of the main stream."""
+        return float(self.values['rate_hz'])
 
     @property
     def paced(self) -> bool:
@@ -200,11 +187,6 @@ class Driver(RegisterMap, ABC):
     @abstractmethod
     def poll_period_s(self) -> float:
         """Return how often `read` wants to be called, so that nothing overflows."""
-
-    @property
-    def rates_hz(self) -> Mapping[str, float]:
-        """Return the nominal rate of each quantity that has one of its own."""
-        return {}
 
     def identify(self) -> str:
         """
@@ -312,88 +294,28 @@ class Driver(RegisterMap, ABC):
         minus the nominal period for each sample before it.  Acquisition corrects them.
         """
 
+    def decode(self, words: npt.NDArray[Any], *channels: Channel) -> dict[str, Any]:
+        """
+        Return channels in SI by their quantity; count the samples with one at its limit.
+
+        Parameters
+        ----------
+        words : structured ndarray, shape (n,)
+            By quantity, as `Frame.unpack` returns them.
+        *channels : Channel
+            One that is scaled by a range field is decoded at the setting of that name.
+        """
+        columns = {}
+        clipped = np.zeros(len(words), dtype=np.bool_)
+        for channel in channels:
+            name = channel.quantity
+            range_ = self.values[channel.scaled_by.name] if channel.scaled_by else None
+            clipped |= channel.saturated(words[name], range_)
+            columns[name] = channel.decode(words[name], range_, self.trims.get(name, 1.0))
+        self.counters['saturated'] += int(clipped.sum())
+        return columns
+
     def close(self) -> None:
         """Release every bus."""
         for wire in self._wires.values():
             wire.close()
-
-
-class PolledDriver(Driver):
-    """Base for a chip that overwrites its registers and does not say when: see `Updates`."""
-
-    counter_names: ClassVar[tuple[str, ...]] = ('repeated', 'lost_samples', 'undated')
-
-    def __init__(
-        self, bus: Bus | Mapping[str, Bus], clock: Clock, settings: Mapping[str, object]
-    ) -> None:
-        super().__init__(bus, clock, settings)
-        self.updates = Updates(self.rate_hz)
-
-    @property
-    def poll_period_s(self) -> float:
-        """Return less than a period by what acquisition varies it, so that nothing is missed."""
-        return 0.65 / self.rate_hz
-
-    def start(self) -> None:
-        """Start the stream."""
-        super().start()
-        self.updates.begin()
-
-    def look(self, row: Any, before_ns: int, after_ns: int, words: bytes) -> Look:
-        """Look for new samples and count; of those that are missing the acquisition learns."""
-        look = self.updates.look(row, before_ns, after_ns, words)
-        self.counters.update(
-            repeated=look.repeated,
-            lost_samples=look.skipped,
-            undated=len(look.rows) * look.undated,
-        )
-        if len(look.rows):
-            self.dated = not look.undated
-        if look.lost_track:
-            self.continuity += 1
-        elif look.skipped:
-            self.skipped[0] = look.skipped
-        return look
-
-
-class FifoDriver(Driver):
-    """
-    Base for a chip that keeps samples until they are read.
-
-    Attributes
-    ----------
-    torn : bool
-        A burst was begun and not taken out whole: nobody knows where in a sample the next one
-        would begin, so that the stream has to be begun anew.
-    """
-
-    torn = False
-
-    def start(self) -> None:
-        """Start the stream."""
-        super().start()
-        self.torn = False
-
-    def latch(self, register: Register, length: int | None = None) -> tuple[bytes, int]:
-        """Return bytes that hold the level, and the host's time when it was latched."""
-        before = self.clock.now_ns()
-        data = self.registers.burst(register, length)
-        return data, (before + self.clock.now_ns()) // 2
-
-    def check_level(self, register: Register, level: int, capacity: int) -> None:
-        """
-        Refuse a level that no FIFO of such a size can have.
-
-        Raises
-        ------
-        BusError
-        """
-        if level > capacity:
-            self.counters['bus_errors'] += 1
-            where = self.registers.where(register)
-            raise BusError(f'{where}: {register.name} {level} of {capacity}; check the wiring')
-
-    def stamps(self, latched_ns: int, n: int) -> npt.NDArray[np.int64]:
-        """Return the times of n samples, the last one made when the level was latched."""
-        ages = np.arange(n - 1, -1, -1) * (1e9 / self.rate_hz)
-        return np.asarray(latched_ns - np.rint(ages).astype(np.int64))

@@ -7,47 +7,15 @@ Numbers come from DocID025715 rev. 2, sections 3.3 and 3.5, not from the driver'
 
 import math
 
-from imu_bench.emulators import create
 from imu_bench.emulators.line import Line, Timing
 import numpy as np
-import pytest
 
 G = 9.80665
 
 
-@pytest.fixture
-def chip(clock, make_source):
-    """Return main bus, magnetometer bus and source of a chip that is awake."""
-
-    def make(kind='i2c', source=None, **options):
-        source = source or make_source()
-        buses = create('lsm9ds1', kind, source, clock, **options)
-        clock.sleep(0.1)
-        return buses[''], buses['magnetometer'], source
-
-    return make
-
-
-def on(bus, clock, rate=6, accelerometer=0x0, gyroscope=0x0, settle=True):
-    """Turn both on: CTRL_REG6_XL, then CTRL_REG1_G, block update on."""
-    bus.write(0x22, b'\x44')
-    bus.write(0x20, bytes([rate << 5 | accelerometer << 3 | 0x04]))
-    bus.write(0x10, bytes([rate << 5 | gyroscope << 3]))
-    if settle:
-        clock.sleep(2.0 if rate < 3 else 0.2)
-
-
-def fifo(bus, mode=0xC0):
-    bus.write(0x23, b'\x02')
-    bus.write(0x2E, b'\x00')
-    bus.write(0x2E, bytes([mode]))
-
-
-def level(bus):
-    return bus.read(0x2F, 1)[0] & 0x3F
-
-
-def test_a_slot_is_gyroscope_and_accelerometer_of_one_instant(chip, clock, make_source):
+def test_a_slot_is_gyroscope_and_accelerometer_of_one_instant(
+    chip, clock, make_source, on, fifo, level
+):
     source = make_source(
         acceleration=(0.0, 0.0, 8 * G), angular_velocity=(math.radians(-70), 0.0, 0.0)
     )
@@ -62,7 +30,7 @@ def test_a_slot_is_gyroscope_and_accelerometer_of_one_instant(chip, clock, make_
     assert bus.read(0x18, 12 * count) == slot * count
 
 
-def test_the_level_counts_slots_and_a_burst_takes_them_out(chip, clock):
+def test_the_level_counts_slots_and_a_burst_takes_them_out(chip, clock, on, fifo, level):
     bus, _, _ = chip()
     on(bus, clock)
     fifo(bus)
@@ -74,7 +42,7 @@ def test_the_level_counts_slots_and_a_burst_takes_them_out(chip, clock):
     assert level(bus) in (before - 3, before - 2)  # 1.1 ms have passed
 
 
-def test_gyroscope_and_accelerometer_may_be_read_one_after_the_other(chip, clock):
+def test_gyroscope_and_accelerometer_may_be_read_one_after_the_other(chip, clock, on, fifo, level):
     bus, _, _ = chip()
     on(bus, clock, rate=3)
     fifo(bus)
@@ -86,7 +54,9 @@ def test_gyroscope_and_accelerometer_may_be_read_one_after_the_other(chip, clock
     assert level(bus) == before - 1
 
 
-def test_an_overrun_keeps_the_newest_32_and_says_so_until_one_is_read(chip, clock, make_source):
+def test_an_overrun_keeps_the_newest_32_and_says_so_until_one_is_read(
+    chip, clock, make_source, on, fifo
+):
     source = make_source(acceleration=(0.0, 0.0, 0.0))
     bus, _, _ = chip(source=source)
     on(bus, clock)
@@ -102,7 +72,7 @@ def test_an_overrun_keeps_the_newest_32_and_says_so_until_one_is_read(chip, cloc
     assert bus.read(0x2F, 1)[0] & 0x40 == 0
 
 
-def test_bypass_empties_and_the_threshold_is_flagged(chip, clock):
+def test_bypass_empties_and_the_threshold_is_flagged(chip, clock, on, fifo):
     bus, _, _ = chip()
     on(bus, clock)
     fifo(bus, 0xC0 | 8)
@@ -114,7 +84,7 @@ def test_bypass_empties_and_the_threshold_is_flagged(chip, clock):
     assert bus.read(0x2F, 1) == b'\x00'
 
 
-def test_fifo_mode_stops_and_keeps_the_oldest(chip, clock, make_source):
+def test_fifo_mode_stops_and_keeps_the_oldest(chip, clock, make_source, on, fifo, level):
     source = make_source(acceleration=(0.0, 0.0, 0.0))
     bus, _, _ = chip(source=source)
     on(bus, clock)
@@ -127,7 +97,7 @@ def test_fifo_mode_stops_and_keeps_the_oldest(chip, clock, make_source):
     assert not words.any()
 
 
-def test_the_depth_can_be_limited(chip, clock):
+def test_the_depth_can_be_limited(chip, clock, on, level):
     bus, _, _ = chip()
     on(bus, clock)
     bus.write(0x23, b'\x03')
@@ -137,7 +107,7 @@ def test_the_depth_can_be_limited(chip, clock):
     assert level(bus) == 10
 
 
-def test_an_empty_fifo_repeats_its_last_slot(chip, clock):
+def test_an_empty_fifo_repeats_its_last_slot(chip, clock, on, fifo, level):
     bus, _, _ = chip()
     on(bus, clock, rate=1)
     fifo(bus)
@@ -146,7 +116,7 @@ def test_an_empty_fifo_repeats_its_last_slot(chip, clock):
     assert bus.read(0x18, 24) == last * 2
 
 
-def test_a_burst_longer_than_the_fifo_gets_what_comes_meanwhile(chip, clock):
+def test_a_burst_longer_than_the_fifo_gets_what_comes_meanwhile(chip, clock, on, fifo, level):
     bus, _, _ = chip(line=Line(clock, Timing.i2c(100e3)))
     on(bus, clock)
     fifo(bus)
@@ -155,7 +125,7 @@ def test_a_burst_longer_than_the_fifo_gets_what_comes_meanwhile(chip, clock):
     assert level(bus) <= 5
 
 
-def test_a_bus_that_is_too_slow_runs_over(chip, clock):
+def test_a_bus_that_is_too_slow_runs_over(chip, clock, on, fifo):
     bus, _, _ = chip(line=Line(clock, Timing.i2c(50e3)))
     on(bus, clock)
     fifo(bus)
@@ -167,7 +137,7 @@ def test_a_bus_that_is_too_slow_runs_over(chip, clock):
     assert overrun
 
 
-def test_nobody_asked_for_a_long_time(chip, clock):
+def test_nobody_asked_for_a_long_time(chip, clock, on, fifo, level):
     bus, magnetometer, source = chip()
     on(bus, clock)
     fifo(bus)

@@ -17,38 +17,6 @@ import pytest
 G = 9.80665
 
 
-@pytest.fixture
-def chip(clock, make_source):
-    """Return main bus, magnetometer bus and source of a chip that is awake."""
-
-    def make(kind='i2c', source=None, **options):
-        source = source or make_source()
-        buses = create('lsm9ds1', kind, source, clock, **options)
-        clock.sleep(0.1)
-        return buses[''], buses['magnetometer'], source
-
-    return make
-
-
-def on(bus, clock, rate=6, accelerometer=0x0, gyroscope=0x0, settle=True):
-    """Turn both on: CTRL_REG6_XL, then CTRL_REG1_G, block update on."""
-    bus.write(0x22, b'\x44')
-    bus.write(0x20, bytes([rate << 5 | accelerometer << 3 | 0x04]))
-    bus.write(0x10, bytes([rate << 5 | gyroscope << 3]))
-    if settle:
-        clock.sleep(2.0 if rate < 3 else 0.2)
-
-
-def fifo(bus, mode=0xC0):
-    bus.write(0x23, b'\x02')
-    bus.write(0x2E, b'\x00')
-    bus.write(0x2E, bytes([mode]))
-
-
-def level(bus):
-    return bus.read(0x2F, 1)[0] & 0x3F
-
-
 # --- identity, reset, timing -------------------------------------------------------------
 def test_reset_values(chip):
     bus, magnetometer, _ = chip()
@@ -60,7 +28,7 @@ def test_reset_values(chip):
     assert bus.read(0x0F, 1) == b'\x68'
 
 
-def test_a_software_reset_clears_itself_and_everything_else(chip, clock):
+def test_a_software_reset_clears_itself_and_everything_else(chip, clock, on):
     bus, magnetometer, _ = chip()
     on(bus, clock)
     bus.write(0x22, b'\x05')
@@ -109,7 +77,7 @@ def test_the_magnetometer_increments_with_a_bit_of_the_address(chip, clock, kind
     assert die.read(0x20 | bit, 3, now, 0.0) == bytes.fromhex('10 00 03')
 
 
-def test_a_burst_jumps_from_one_output_to_the_other_and_back(chip, clock, make_source):
+def test_a_burst_jumps_from_one_output_to_the_other_and_back(chip, clock, make_source, on):
     source = make_source(acceleration=(0.0, 0.0, G), angular_velocity=(0.0, 0.0, math.radians(50)))
     bus, _, _ = chip(source=source)
     on(bus, clock)
@@ -123,7 +91,7 @@ def test_a_burst_jumps_from_one_output_to_the_other_and_back(chip, clock, make_s
 
 # --- data registers ----------------------------------------------------------------------
 @pytest.mark.parametrize(('code', 'mg'), [(0, 0.061), (2, 0.122), (3, 0.244), (1, 0.732)])
-def test_acceleration_at_every_range_and_left_handed(chip, clock, make_source, code, mg):
+def test_acceleration_at_every_range_and_left_handed(chip, clock, make_source, code, mg, on):
     g = (0.5, -0.25, 1.0)  # right-handed
     bus, _, _ = chip(source=make_source(acceleration=[G * x for x in g]))
     on(bus, clock, accelerometer=code)
@@ -132,7 +100,7 @@ def test_acceleration_at_every_range_and_left_handed(chip, clock, make_source, c
 
 
 @pytest.mark.parametrize(('code', 'mdps'), [(0, 8.75), (1, 17.5), (3, 70.0)])
-def test_angular_velocity_at_every_range_and_left_handed(chip, clock, make_source, code, mdps):
+def test_angular_velocity_at_every_range_and_left_handed(chip, clock, make_source, code, mdps, on):
     dps = (100.0, -200.0, 50.0)
     bus, _, _ = chip(source=make_source(angular_velocity=[math.radians(x) for x in dps]))
     on(bus, clock, gyroscope=code)
@@ -140,7 +108,7 @@ def test_angular_velocity_at_every_range_and_left_handed(chip, clock, make_sourc
     assert struct.unpack('<hhh', bus.read(0x18, 6)) == tuple(round(x) for x in expected)
 
 
-def test_saturation_at_the_end_of_the_word(chip, clock, make_source):
+def test_saturation_at_the_end_of_the_word(chip, clock, make_source, on):
     bus, _, _ = chip(
         source=make_source(acceleration=(25.0, 25.0, -25.0), angular_velocity=(6.0, 6.0, -6.0))
     )
@@ -150,14 +118,16 @@ def test_saturation_at_the_end_of_the_word(chip, clock, make_source):
 
 
 @pytest.mark.parametrize(('celsius', 'word'), [(35.0, 160), (25.0, 0), (-15.0, -640)])
-def test_temperature_has_16_lsb_per_kelvin_and_zero_at_25(chip, clock, make_source, celsius, word):
+def test_temperature_has_16_lsb_per_kelvin_and_zero_at_25(
+    chip, clock, make_source, celsius, word, on
+):
     bus, _, _ = chip(source=make_source(temperature=celsius))
     on(bus, clock)
     assert struct.unpack('<h', bus.read(0x15, 2)) == (word,)
 
 
 @pytest.mark.parametrize(('code', 'mg'), [(0, 0.14), (1, 0.29), (2, 0.43), (3, 0.58)])
-def test_field_at_every_range(chip, clock, make_source, code, mg):
+def test_field_at_every_range(chip, clock, make_source, code, mg, on):
     gauss = (0.2, -0.1, 0.4)
     bus, magnetometer, _ = chip(source=make_source(magnetic_field=[1e-4 * x for x in gauss]))
     on(bus, clock)
@@ -170,7 +140,7 @@ def test_field_at_every_range(chip, clock, make_source, code, mg):
 
 
 # --- flags -------------------------------------------------------------------------------
-def test_new_data_are_flagged_until_they_are_read(chip, clock):
+def test_new_data_are_flagged_until_they_are_read(chip, clock, on):
     bus, _, _ = chip()
     on(bus, clock, rate=1)
     assert bus.read(0x17, 1)[0] & 0x07 == 0x07
@@ -184,7 +154,7 @@ def test_new_data_are_flagged_until_they_are_read(chip, clock):
     assert bus.read(0x17, 1)[0] & 0x03 == 0x03
 
 
-def test_temperature_is_refreshed_59_times_a_second(chip, clock):
+def test_temperature_is_refreshed_59_times_a_second(chip, clock, on):
     bus, _, _ = chip()
     on(bus, clock)
     fresh, start = 0, clock.now_ns()
@@ -196,7 +166,7 @@ def test_temperature_is_refreshed_59_times_a_second(chip, clock):
     assert fresh == pytest.approx(119, abs=2)
 
 
-def test_block_update_keeps_a_word_that_was_read_half(chip, clock, make_source):
+def test_block_update_keeps_a_word_that_was_read_half(chip, clock, make_source, on):
     source = make_source(acceleration=(0.0, 0.0, 1.0 * 0.061e-3 * G * 256))
     bus, _, _ = chip(source=source)
     on(bus, clock)
@@ -258,7 +228,7 @@ def test_with_the_gyroscope_on_its_rate_is_that_of_both(chip, code, rate):
 
 
 @pytest.mark.parametrize(('code', 'rate'), [(1, 10.0), (2, 50.0), (6, 952.0)])
-def test_the_accelerometer_alone_has_rates_of_its_own(chip, clock, code, rate):
+def test_the_accelerometer_alone_has_rates_of_its_own(chip, clock, code, rate, fifo, level):
     bus, _, source = chip()
     bus.write(0x20, bytes([code << 5]))
     assert source.nominal_hz == rate
@@ -270,7 +240,7 @@ def test_the_accelerometer_alone_has_rates_of_its_own(chip, clock, code, rate):
     assert level(bus) <= 2
 
 
-def test_the_filters_of_the_registers_filter_noise(chip, clock, make_source):
+def test_the_filters_of_the_registers_filter_noise(chip, clock, make_source, fifo, level):
     rng = np.random.default_rng(1)
 
     class Noisy(type(make_source())):
@@ -295,9 +265,9 @@ def test_the_filters_of_the_registers_filter_noise(chip, clock, make_source):
         words = np.frombuffer(data, '<i2').reshape(-1, 6)[30:]
         return words[:, 3:].std() * 0.732e-3 * G, math.radians(words[:, :3].std() * 0.07)
 
-    def passed(hertz):  # first order at this corner, white up to 476 Hz, sampled at 952 Hz
-        k = math.tan(math.pi * hertz / 952)
-        return math.sqrt(k / (1 + k))
+    def passed(hertz):  # analogue, of first order, sampled at 952 Hz
+        p = math.exp(-2.0 * math.pi * hertz / 952)
+        return math.sqrt((1 - p) / (1 + p))
 
     wide = deviations(0x04, 0, 0)
     assert wide == pytest.approx((passed(408), passed(100)), rel=0.05)
@@ -307,7 +277,9 @@ def test_the_filters_of_the_registers_filter_noise(chip, clock, make_source):
     assert automatic == pytest.approx((passed(408), passed(100)), rel=0.05)
 
 
-def test_after_turn_on_the_first_samples_are_not_settled(chip, clock, make_source):
+def test_after_turn_on_the_first_samples_are_not_settled(
+    chip, clock, make_source, on, fifo, level
+):
     bus, _, _ = chip(source=make_source(acceleration=(0.0, 0.0, G)))
     fifo(bus)
     on(bus, clock, settle=False)

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where an emulated chip is put: its driver, its kind of bus, what it senses, its wire."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from imu_bench.bus.interface import Clock
+from imu_bench.drivers.driver import Driver
+from imu_bench.emulators.line import Line
+from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
+
+
+@dataclass(frozen=True)
+class Socket:
+    """
+    Where an emulated chip is put.
+
+    Attributes
+    ----------
+    driver : type of Driver
+    kind : str
+        One of the driver's `bus_kinds`.
+    name : str
+        For error texts and diagnostics; says that it is emulated.
+    source : Source
+        What the chip samples.
+    clock : Clock
+    line : Line
+    """
+
+    driver: type[Driver]
+    kind: str
+    name: str
+    source: Source
+    clock: Clock
+    line: Line
+
+    def bus(self, chip: EmulatedChip, part: str = '') -> EmulatedBus:
+        """Return the bus of a die on I²C or SPI, with the burst bit that its wiring has."""
+        on_i2c, wiring = self.kind == 'i2c', self.driver.wiring[part]
+        increment = wiring.i2c_increment if on_i2c else wiring.spi_increment
+        name = f'{self.name} {part}'.rstrip()
+        return EmulatedBus(name, self.line, chip, increment, acknowledges=on_i2c)
