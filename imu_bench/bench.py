@@ -14,19 +14,19 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from imu_bench import config, drivers
-from imu_bench.acquisition import Acquisition, Device
+from imu_bench.acquisition import Acquisition, AcquisitionStats, Device, Tape
 from imu_bench.acquisition.correction import correction
 from imu_bench.bus.clock import SystemClock
 from imu_bench.bus.interface import Clock
 from imu_bench.bus.opening import kind_among, open_bus
+from imu_bench.bus.recording import Played, Player, read_head, Recorder
 from imu_bench.config import BenchConfig, SensorConfig
 from imu_bench.config.beginning import Beginning
 from imu_bench.config.faults import Fault, script
 from imu_bench.config.schema import Checkable
 from imu_bench.drivers.driver import Driver
-from imu_bench.errors import ConfigError
-from imu_bench.registers import Channel, Field, Fifo, Typical
-from imu_bench.units import convert
+from imu_bench.errors import ConfigError, RecordingError
+from imu_bench.samples import Samples
 
 if TYPE_CHECKING:
     from imu_bench.emulators.line import Line
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 GENERIC = 'generic'
 """Name of the driver that stands in for a sensor that has none yet."""
+
+_NO_LIMIT = 1 << 62
 
 
 def driver_names() -> list[str]:
@@ -81,7 +83,9 @@ def load_sensor(
     ConfigError
         With every problem of the file, one line each.
     """
-    sensor = config.load_sensor(path, name=name, overrides=overrides, settings_of=settings_of)
+    sensor = config.load_sensor(
+        path, name=name, overrides=overrides, settings_of=settings_of, recorded_in=read_head
+    )
     faults_of(sensor)
     return sensor
 
@@ -95,7 +99,7 @@ def load_bench(path: str | Path) -> BenchConfig:
     ConfigError
         With every problem of all files, one line each.
     """
-    loaded = config.load_bench(path, settings_of=settings_of)
+    loaded = config.load_bench(path, settings_of=settings_of, recorded_in=read_head)
     for sensor in loaded.sensors:
         faults_of(sensor)
     return loaded
@@ -145,7 +149,11 @@ def label(sensor: SensorConfig) -> str:
     'emulated mpu9250'
     >>> label(SensorConfig('left', 'mpu9250', 'hardware', bus='i2c-1', address=0x69))
     'hardware mpu9250 i2c-1 0x69'
+    >>> label(SensorConfig('left', 'mpu9250', 'recorded', recorded_from='emulated mpu9250'))
+    'recorded emulated mpu9250'
     """
+    if sensor.backend == 'recorded':
+        return f'recorded {sensor.recorded_from or sensor.driver}'
     address = '' if sensor.address is None else f'0x{sensor.address:02X}'
     place = (sensor.bus, address) if sensor.backend == 'hardware' else ()
     return ' '.join(filter(None, (sensor.backend, sensor.driver, *place)))
@@ -188,17 +196,48 @@ def build(
         If driver, settings and backend do not go together.
     BusError
         If the bus of a hardware sensor cannot be opened.
+    RecordingError
+        If a wire recording cannot be begun, or cannot be played.
     """
-    clock = clock or SystemClock()
-    make = _BACKENDS[sensor.backend]
+    device, clock, tape = _assembled(sensor, clock or SystemClock(), switched_on_ns, beginning)
     return Acquisition(
-        make(sensor, clock, switched_on_ns, beginning),
+        device,
         clock,
         capacity_samples=capacity_samples,
         on_data=on_data,
         correct=correction(sensor.calibration),
+        tape=tape,
         name=sensor.name,
     )
+
+
+def play(path: str | Path) -> tuple[list[Samples], AcquisitionStats]:
+    """
+    Return everything that a wire recording gives, as fast as possible, and how it went.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    ConfigError
+        If it is no wire recording.
+    RecordingError
+        If it cannot be played to its end, with the event at which it differs.
+    """
+    from imu_bench.simulation.clock import SimulatedClock
+
+    given = {'backend': 'recorded', 'wire_recording': str(path)}
+    sensor = config.sensor_from_parameters(
+        Path(path).stem, given, settings_of=settings_of, recorded_in=read_head, source='recording'
+    )
+    acquisition = build(sensor, SimulatedClock(), capacity_samples=_NO_LIMIT)
+    acquisition.advance(_NO_LIMIT)
+    acquisition.finish()
+    if isinstance(acquisition.error, RecordingError):
+        raise acquisition.error
+    return acquisition.drain(), acquisition.stats
 
 
 def simulate(sensor: SensorConfig, scenario: Scenario, *, run: int = 0) -> SimulatedSensor:
@@ -223,10 +262,12 @@ def simulate(sensor: SensorConfig, scenario: Scenario, *, run: int = 0) -> Simul
     """
     from imu_bench.simulation.clock import SimulatedClock, START_NS
     from imu_bench.simulation.simulated import SimulatedSensor
+    from imu_bench.simulation.typical import as_set
     from imu_bench.simulation.world import errors_of, sensor_source
 
-    device = _emulated(sensor, SimulatedClock())
-    typical: Mapping[str, Any] = _typical_as_set(device) if isinstance(device, Driver) else {}
+    plain = replace(sensor, backend='emulated', wire_recording='')
+    device, _, _ = _assembled(plain, SimulatedClock(), None, None)
+    typical: Mapping[str, Any] = as_set(device) if isinstance(device, Driver) else {}
     rates = {
         quantity: device.rates_hz.get(quantity, device.rate_hz)
         for quantity in errors_of(sensor, typical)
@@ -242,65 +283,56 @@ def simulate(sensor: SensorConfig, scenario: Scenario, *, run: int = 0) -> Simul
     return SimulatedSensor(sensor, tuple(sources), angle.resolution if angle else None)
 
 
-def _typical_as_set(driver: Driver) -> dict[str, Typical]:
-    """Return the typical values of a driver, with range, resolution and filter as it is set."""
-    found = dict(driver.typical)
-    names = {id(field): name for name, field in driver.declared(Field).items()}
-    channels: list[Channel] = list(driver.declared(Channel).values())  # type: ignore[type-abstract]
-    quantities = [channel.quantity for channel in channels]
-    for channel in channels:
-        # of a quantity with words of several lengths the document's own values are kept
-        if channel.quantity not in found or quantities.count(channel.quantity) > 1:
-            continue
-        setting = names.get(id(channel.scaled_by), '')
-        full_scale = driver.values.get(setting)
-        changed: dict[str, Any] = {}
-        if channel.quantised:
-            changed['resolution'] = tuple(channel.resolution(full_scale))
-        if channel.scaled_by is not None and isinstance(full_scale, float):
-            changed['range'] = convert(full_scale, channel.scaled_by.unit, channel.unit)
-        bandwidth = driver.values.get(setting.replace('_range', '_bandwidth'))
-        if setting and isinstance(bandwidth, float) and bandwidth > 0.0:
-            changed['bandwidth'] = bandwidth
-        found[channel.quantity] = replace(found[channel.quantity], **changed)
-    for fifo in driver.declared(Fifo).values():
-        for quantity in set(fifo.frame.dtype.names or ()) & set(found):
-            corner = fifo.low_pass * driver.rate_hz
-            found[quantity] = replace(found[quantity], bandwidth=corner)
-    return found
-
-
-def _hardware(
+def _assembled(
     sensor: SensorConfig,
     clock: Clock,
-    switched_on_ns: int | None = None,
-    beginning: Beginning | None = None,
-) -> Device:
+    switched_on_ns: int | None,
+    beginning: Beginning | None,
+) -> tuple[Device, Clock, Tape | None]:
+    """Return the device, the clock it shares with its acquisition, and what records or plays."""
     if sensor.driver == GENERIC:
-        raise ConfigError(
-            f'{sensor.source}.backend: a generic source has no hardware; allowed: emulated'
-        )
+        return _generic(sensor, clock, beginning), clock, None
     driver = drivers.load(sensor.driver)
-    buses = open_bus(sensor.bus, driver.wiring, driver.bus_kinds, sensor.address)
-    return driver(buses, clock, sensor.settings)
+    if sensor.backend == 'recorded':
+        values = driver.check_settings(sensor.settings)
+        read_head(sensor.wire_recording).check(sensor.driver, values)
+        player = Player(sensor.wire_recording, clock)
+        return Played(driver(player.wires, player, sensor.settings)), player, player
+    if sensor.backend == 'hardware':
+        buses: Mapping[str, Any] = open_bus(
+            sensor.bus, driver.wiring, driver.bus_kinds, sensor.address
+        )
+    else:
+        buses = _switched_on(sensor, clock, switched_on_ns, beginning)
+    if not sensor.wire_recording:
+        return driver(buses, clock, sensor.settings), clock, None
+    values = driver.check_settings(sensor.settings)
+    what = sensor.driver, values, label(sensor)
+    recorder = Recorder(sensor.wire_recording, buses, clock, *what)
+    return driver(recorder.wires, recorder, sensor.settings), recorder, recorder
 
 
-def _emulated(
-    sensor: SensorConfig,
-    clock: Clock,
-    switched_on_ns: int | None = None,
-    beginning: Beginning | None = None,
-) -> Device:
+def _generic(sensor: SensorConfig, clock: Clock, beginning: Beginning | None) -> Device:
     # late: real sensors start without the libraries that simulation needs
     from imu_bench.simulation import generic
     from imu_bench.simulation.world import sensor_source
 
+    where = f'{sensor.source}.'.lstrip('.')
+    if sensor.backend != 'emulated':
+        raise ConfigError(f'{where}backend: a generic source has no hardware; allowed: emulated')
+    if sensor.wire_recording:
+        raise ConfigError(f'{where}wire_recording: a generic source has no wire; give a driver')
+    faults_of(sensor)  # it cannot have any
+    rate_hz = sensor.settings['rate_hz']
+    source = sensor_source(sensor, {}, rate_hz, clock.now_ns(), beginning=beginning)
+    return generic.GenericSensor(source, clock, sensor.settings)
+
+
+def _switched_on(
+    sensor: SensorConfig, clock: Clock, switched_on_ns: int | None, beginning: Beginning | None
+) -> Mapping[str, Any]:
+    """Return the buses of an emulated chip that has just started, with its faults."""
     faults = faults_of(sensor)
-    if sensor.driver == GENERIC:
-        source = sensor_source(
-            sensor, {}, sensor.settings['rate_hz'], clock.now_ns(), beginning=beginning
-        )
-        return generic.GenericSensor(source, clock, sensor.settings)
     buses = emulated_buses(sensor, clock, beginning=beginning)
     driver = drivers.load(sensor.driver)
     if faults:
@@ -309,7 +341,7 @@ def _emulated(
         buses = wrap(buses, driver, clock, faults, start_ns=switched_on_ns)
     # the emulated chip is switched on here, a real one was long ago
     clock.sleep(driver.start_up_s)
-    return driver(buses, clock, sensor.settings)
+    return buses
 
 
 def kind_of_bus(sensor: SensorConfig) -> str:
@@ -361,6 +393,3 @@ def emulated_buses(
     options = {'baud': sensor.settings['baud']} if 'baud' in sensor.settings else {}
     kind = kind_of_bus(sensor)
     return emulators.create(sensor.driver, kind, source, clock, line=line, **options)
-
-
-_BACKENDS = {'hardware': _hardware, 'emulated': _emulated}

@@ -28,6 +28,10 @@ class RecordingError(BenchError, ValueError):
     """A recording cannot be read, or holds nothing that can be analysed."""
 
 
+class RecordingOver(RecordingError):
+    """A recording that is played has no more."""
+
+
 class BusError(BenchError, OSError):
     """A transfer on a bus failed."""
 

@@ -160,8 +160,8 @@ def test_a_generic_source_has_no_hardware_and_says_so():
 
 
 def test_an_unknown_backend_names_what_is_available():
-    with pytest.raises(ConfigError, match='allowed: hardware, emulated'):
-        bench.build(config_of(backend='recorded', rate_hz=100.0))
+    with pytest.raises(ConfigError, match='allowed: hardware, emulated, recorded'):
+        config_of(backend='imagined', rate_hz=100.0)
 
 
 def test_a_generic_source_that_measures_nothing_says_what_to_give():

@@ -141,7 +141,7 @@ def test_every_problem_is_told_at_once_with_its_path(tmp_path):
     )
     assert found == [
         f"{where}.ratehz: unknown; did you mean 'rate_hz'?",
-        f'{where}.backend: simulated is not allowed; allowed: hardware, emulated',
+        f'{where}.backend: simulated is not allowed; allowed: hardware, emulated, recorded',
         f'{where}.address: 128 is not allowed; allowed: -1 to 119',
         f'{where}.rate_hz: {number}',
     ]
@@ -149,7 +149,7 @@ def test_every_problem_is_told_at_once_with_its_path(tmp_path):
 
 def test_emulation_is_never_a_default(tmp_path):
     (found,) = problems(load_sensor, altered(tmp_path, backend=None))
-    assert found.endswith('backend: missing; allowed: hardware, emulated')
+    assert found.endswith('backend: missing; allowed: hardware, emulated, recorded')
 
 
 def test_an_unknown_driver_names_what_was_meant_or_what_there_is(tmp_path):

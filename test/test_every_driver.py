@@ -22,7 +22,7 @@ from imu_bench.drivers import load, names
 from imu_bench.drivers.driver import Driver
 from imu_bench.emulators import create
 from imu_bench.errors import ConfigError
-from imu_bench.registers import Channel, Field, Frame, Register, Until, Write
+from imu_bench.registers import Field, Frame, Register, Until, Write
 from imu_bench.samples import Samples
 from imu_bench.simulation.clock import SimulatedClock
 import numpy as np
@@ -57,7 +57,7 @@ def precision(channel, range_, values):
 
 
 def channels(driver, kind=None):
-    return driver.declared(Channel) if kind is None else driver.channels_on(kind)
+    return driver.channels() if kind is None else driver.channels_on(kind)
 
 
 # --- declarations ------------------------------------------------------------------------

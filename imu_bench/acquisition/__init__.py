@@ -8,8 +8,9 @@ sample was measured; `AcquisitionStats` says how well it goes.
 
 from imu_bench.acquisition.aftermath import Aftermath, FaultWatch
 from imu_bench.acquisition.clock_model import ClockModel
+from imu_bench.acquisition.device import Device, Tape
 from imu_bench.acquisition.stats import AcquisitionStats
-from imu_bench.acquisition.thread import Acquisition, Device
+from imu_bench.acquisition.thread import Acquisition
 
 __all__ = [
     'Acquisition',
@@ -18,4 +19,5 @@ __all__ = [
     'ClockModel',
     'Device',
     'FaultWatch',
+    'Tape',
 ]

@@ -16,6 +16,9 @@ from scipy.special import chdtri
 WINDOW_S = 10.0
 """Rate and jitter are those of this much of the latest data."""
 
+RATE_TOLERANCE = 0.01
+"""Share of its rate that a sensor may miss and still be said to keep it."""
+
 
 @dataclass(frozen=True)
 class AcquisitionStats:
@@ -65,6 +68,10 @@ class AcquisitionStats:
         The latest error with its name, also when it is over; empty when there was none.
     scheduling : str
         How the operating system treats the thread: see `imu_bench.acquisition.priority`.
+    over : str
+        Why it has ended by itself; empty until then.
+    tape, tape_problem : str
+        What records or plays the wire says; what went wrong with it.
     """
 
     state: str
@@ -87,6 +94,9 @@ class AcquisitionStats:
     errors: Mapping[str, int] = field(default_factory=dict)
     last_error: str = ''
     scheduling: str = ''
+    over: str = ''
+    tape: str = ''
+    tape_problem: str = ''
 
 
 def error_of(rate: Estimate, nominal_hz: float) -> Estimate:

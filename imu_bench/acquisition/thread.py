@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 import threading
-from typing import Protocol
 
 from imu_bench.acquisition.correction import Correct
+from imu_bench.acquisition.device import Device, NoTape, Tape
 from imu_bench.acquisition.priority import raise_priority
 from imu_bench.acquisition.stats import AcquisitionStats, error_of
 from imu_bench.acquisition.streams import (
@@ -19,7 +19,7 @@ from imu_bench.acquisition.streams import (
     quantities,
 )
 from imu_bench.bus.interface import Clock
-from imu_bench.errors import BenchError, NotReady
+from imu_bench.errors import BenchError, NotReady, RecordingError, RecordingOver
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.samples import Samples
 
@@ -44,30 +44,6 @@ GOLDEN = 0.6180339887498949
 """Fractional part of the golden ratio: its multiples fill an interval evenly (Weyl)."""
 
 
-class Device(Protocol):
-    """What acquisition needs of a driver."""
-
-    counters: Counter[str]
-    continuity: int
-    dated: bool
-    skipped: dict[int, int]
-
-    @property
-    def rate_hz(self) -> float: ...
-    @property
-    def rates_hz(self) -> Mapping[str, float]: ...
-    @property
-    def paced(self) -> bool: ...
-    @property
-    def poll_period_s(self) -> float: ...
-    def identify(self) -> str: ...
-    def configure(self) -> None: ...
-    def start(self) -> None: ...
-    def stop(self) -> None: ...
-    def close(self) -> None: ...
-    def read(self) -> list[Samples]: ...
-
-
 class Acquisition:
     """
     Read a sensor from a thread of its own, into a bounded queue.
@@ -88,6 +64,8 @@ class Acquisition:
         Called from the thread whenever there is something to drain, or to say.
     correct : callable, optional
         Calibration, applied to every run as it is drained.
+    tape : Tape, optional
+        What records or plays the wire.
     name : str
         Of the thread and in error texts.
 
@@ -95,6 +73,8 @@ class Acquisition:
     ----------
     error : BenchError or None
         What is wrong now.
+    over : str
+        Why it has ended by itself: what is played has no more.  Empty until then.
     """
 
     def __init__(
@@ -105,9 +85,11 @@ class Acquisition:
         capacity_samples: int | None = None,
         on_data: Callable[[], None] | None = None,
         correct: Correct | None = None,
+        tape: Tape | None = None,
         name: str = 'sensor',
     ) -> None:
         self.name = name
+        self._tape: Tape = tape or NoTape()
         self._correct = correct
         self.on_data = on_data
         self.error: BenchError | None = None
@@ -121,8 +103,7 @@ class Acquisition:
         self._queued = 0
         self._counts: Counter[str] = Counter()
         self._errors: Counter[str] = Counter()
-        self._last_error = ''
-        self._scheduling = ''
+        self.over = self._last_error = self._scheduling = ''
         self._main = main_stream(driver.rate_hz, driver.paced)
         self._beside: dict[tuple[str, ...], PolledStream] = {}
         self._state = 'stopped'
@@ -131,8 +112,7 @@ class Acquisition:
         self._failures_in_row = 0
         self._backoff_s = FIRST_BACKOFF_S
         self._continuity = 0
-        self._heard_ns = self._looked_ns = 0
-        self._base_ns = 0
+        self._heard_ns = self._looked_ns = self._base_ns = 0
         self._due_ns = 0
         self._turn = 0
 
@@ -161,9 +141,12 @@ class Acquisition:
         ------
         NotReady
             If it runs already.
+        RecordingError
+            If what is played has no more.
         """
         if self._thread is not None:
             raise NotReady(f'{self.name}: acquisition runs already; stop it first')
+        self._tape.begin()
         self._stopping.clear()
         self._thread = threading.Thread(target=self._run, name=f'acquire-{self.name}', daemon=True)
         self._thread.start()
@@ -191,6 +174,7 @@ class Acquisition:
     def close(self) -> None:
         """Stop, and release the bus."""
         self.stop()
+        self._tape.finish()
         self._driver.close()
 
     def drain(self) -> list[Samples]:
@@ -227,6 +211,9 @@ class Acquisition:
                 errors=dict(self._errors),
                 last_error=self._last_error,
                 scheduling=self._scheduling,
+                over=self.over,
+                tape=self._tape.said,
+                tape_problem=self._tape.problem,
             )
 
     def step(self) -> int:
@@ -234,12 +221,19 @@ class Acquisition:
         Do what is due now; return when to come back, in ns of the clock.
 
         The thread does nothing but this.  Tests and simulations call it themselves.
+
+        Raises
+        ------
+        RecordingError
+            If what is played has no more, or cannot be played further.
         """
         try:
             if self._state == 'running':
                 self._read()
             else:
                 self._bring_up()
+        except RecordingError:
+            raise
         except BenchError as error:
             due_ns = self._failed(error)
             if self.on_data is not None:
@@ -251,13 +245,17 @@ class Acquisition:
         """Run in the caller's thread until a time of a simulated clock."""
         if self._state == 'stopped':
             self._begin()
-        while self._due_ns <= until_ns:
-            self._clock.sleep_until(self._due_ns)
-            self._due_ns = self.step()
-        self._clock.sleep_until(until_ns)
+        try:
+            while self._due_ns <= until_ns:
+                self._clock.sleep_until(self._due_ns)
+                self._due_ns = self.step()
+            self._clock.sleep_until(until_ns)
+        except RecordingError as error:
+            self._end(error)
 
     def finish(self) -> None:
         """End the stream in the caller's thread; hand over what was held back."""
+        self._tape.finish()
         if self._state == 'running':
             try:
                 self._driver.stop()
@@ -267,8 +265,8 @@ class Acquisition:
         with self._lock:
             self._enqueue(self._main.flush())
             self._state = 'stopped'
-            waiting = self._queued > 0
-        if waiting and self.on_data is not None:
+            news = self._queued > 0 or self.over
+        if news and self.on_data is not None:
             self.on_data()
 
     def _run(self) -> None:
@@ -278,8 +276,17 @@ class Acquisition:
             while not self._stopping.is_set():
                 due_ns = self.step()
                 self._clock.sleep_until(due_ns)
+        except RecordingError as error:
+            self._end(error)
         finally:
             self.finish()
+
+    def _end(self, error: RecordingError) -> None:
+        """Take note that there is nothing to go on with, for good or bad."""
+        with self._lock:
+            self.over = str(error)
+            if not isinstance(error, RecordingOver):
+                self.error = error
 
     def _begin(self) -> None:
         """Leave 'stopped': from the next step on the sensor is brought up."""
@@ -288,7 +295,7 @@ class Acquisition:
             self._counts['lost'] += self._main.model.missing
             self._main = main_stream(self._driver.rate_hz, self._driver.paced)
         self._state = 'starting'
-        self._due_ns = self._clock.now_ns()
+        self._due_ns = 0  # now; without a look at the clock, so that all begin alike
 
     def _bring_up(self) -> None:
         """Identify, configure and start the sensor."""

@@ -11,7 +11,7 @@ from typing import Any
 from imu_bench.config.campaign import BenchTest, read_tests
 from imu_bench.config.files import PARAMETERS, read_parameters, read_yaml
 from imu_bench.config.schema import check_all, flatten, raise_if_any, REQUIRED, Setting
-from imu_bench.config.sensor import load_sensor, SensorConfig, SettingsOf
+from imu_bench.config.sensor import load_sensor, RecordedIn, SensorConfig, SettingsOf
 from imu_bench.errors import ConfigError
 
 ANALYSIS_SETTINGS = (
@@ -123,14 +123,19 @@ def load_analysis(path: str | Path) -> AnalysisConfig:
     return AnalysisConfig(**values)
 
 
-def load_bench(path: str | Path, *, settings_of: SettingsOf | None = None) -> BenchConfig:
+def load_bench(
+    path: str | Path,
+    *,
+    settings_of: SettingsOf | None = None,
+    recorded_in: RecordedIn | None = None,
+) -> BenchConfig:
     """
     Return the bench that a YAML file describes, with all its sensors.
 
     Parameters
     ----------
     path : str or Path
-    settings_of : callable, optional
+    settings_of, recorded_in : callable, optional
         As in `imu_bench.config.load_sensor`.
 
     Raises
@@ -155,7 +160,7 @@ def load_bench(path: str | Path, *, settings_of: SettingsOf | None = None) -> Be
         entries = []
     for index, entry in enumerate(entries):
         where = f'{path}: sensors[{index}]'
-        sensor = _sensor(entry, where, path.parent, settings_of, problems)
+        sensor = _sensor(entry, where, path.parent, settings_of, recorded_in, problems)
         if sensor is None:
             continue
         if sensor.name in files:
@@ -179,9 +184,14 @@ def load_bench(path: str | Path, *, settings_of: SettingsOf | None = None) -> Be
     )
 
 
+def holds_parameters(document: Mapping[Any, Any]) -> bool:
+    """Return whether a document is the parameter file of a node, as that of a sensor is."""
+    return any(isinstance(node, Mapping) and PARAMETERS in node for node in document.values())
+
+
 def _refuse_parameters(document: Mapping[Any, Any], path: Path) -> None:
     """Say so where the file of a sensor stands for that of a bench."""
-    if any(isinstance(node, Mapping) and PARAMETERS in node for node in document.values()):
+    if holds_parameters(document):
         raise ConfigError(
             f"{path}: the parameters of a node, no bench; a bench lists its sensors' files below "
             f"'sensors:', each as '- file: {path.name}'"
@@ -203,7 +213,12 @@ def _section(
 
 
 def _sensor(
-    entry: object, where: str, folder: Path, settings_of: SettingsOf | None, problems: list[str]
+    entry: object,
+    where: str,
+    folder: Path,
+    settings_of: SettingsOf | None,
+    recorded_in: RecordedIn | None,
+    problems: list[str],
 ) -> SensorConfig | None:
     if not isinstance(entry, Mapping):
         problems.append(f"{where}: {entry!r} is no entry like '- file: x.yaml'")
@@ -223,6 +238,7 @@ def _sensor(
             name=values['name'],
             overrides=overrides,
             settings_of=settings_of,
+            recorded_in=recorded_in,
         )
     except ConfigError as error:
         problems.extend(str(error).splitlines())

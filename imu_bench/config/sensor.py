@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from imu_bench.config.calibration import Affine, CALIBRATION_SETTINGS, corrections
 from imu_bench.config.files import PARAMETERS, read_parameters
@@ -20,9 +20,9 @@ from imu_bench.config.schema import (
     Setting,
 )
 from imu_bench.config.simulated import SIMULATION_SETTINGS
-from imu_bench.errors import ConfigError
+from imu_bench.errors import ConfigError, RecordingError
 
-BACKENDS = ('hardware', 'emulated')
+BACKENDS = ('hardware', 'emulated', 'recorded')
 
 STDDEVS = ('linear_acceleration', 'angular_velocity', 'magnetic_field', 'orientation')
 
@@ -34,6 +34,7 @@ SENSOR_SETTINGS = (
     Setting('backend', REQUIRED, 'Where the data come from.', allowed=BACKENDS),
     Setting('bus', '', "Bus of the hardware, such as 'i2c-1', 'spidev0.0' or '/dev/ttyUSB0'."),
     Setting('address', -1, 'I²C address; -1 for the usual one.', bounds=(-1, 0x77)),
+    Setting('wire_recording', '', 'File to record the wire to; with backend recorded to play.'),
     Setting('frame_id', '', 'Frame of the data; empty for <name>_link.'),
     Setting('linear_acceleration_stddev', 0.0, _STDDEV, bounds=_POSITIVE, unit='m/s²'),
     Setting('angular_velocity_stddev', 0.0, _STDDEV, bounds=_POSITIVE, unit='rad/s'),
@@ -51,6 +52,21 @@ ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 SettingsOf = Callable[[str], Iterable[Checkable]]
 
 
+class Recorded(Protocol):
+    """The head of a wire recording: `imu_bench.bus.recording.Head`."""
+
+    @property
+    def driver(self) -> str: ...
+    @property
+    def settings(self) -> Mapping[str, Any]: ...
+    @property
+    def origin(self) -> str: ...
+    def differences(self, driver: str, settings: Mapping[str, Any]) -> dict[str, str]: ...
+
+
+RecordedIn = Callable[[str], Recorded]
+
+
 @dataclass(frozen=True)
 class SensorConfig:
     """
@@ -63,9 +79,9 @@ class SensorConfig:
     driver : str
         Name of the driver, or 'generic'.
     backend : str
-        'hardware' or 'emulated'.
+        One of `BACKENDS`.
     bus : str
-        Empty for an emulated sensor.
+        May be empty for a sensor that is not hardware.
     address : int or None
         None for the driver's usual one.
     frame_id : str
@@ -79,6 +95,10 @@ class SensorConfig:
     simulation : mapping
         Settings of the simulated world under their names without 'simulation.';
         quantities are tuples in SI units.  Errors that were not given are absent.
+    wire_recording : str
+        File to which the wire is recorded, or from which it is played; empty for none.
+    recorded_from : str
+        What stood behind a sensor that is played, and when.
     source : str
         File it came from, for error texts.
     """
@@ -94,12 +114,26 @@ class SensorConfig:
     stddevs: Mapping[str, float] = field(default_factory=dict)
     calibration: Mapping[str, Affine] = field(default_factory=dict)
     simulation: Mapping[str, Any] = field(default_factory=dict)
+    wire_recording: str = ''
+    recorded_from: str = ''
     source: str = ''
 
     @property
     def namespace(self) -> str:
         """Namespace of the sensor's node."""
         return f'/bench/{self.name}'
+
+    @property
+    def measured(self) -> bool:
+        """
+        Whether its data are measured, or were when they were recorded.
+
+        Examples
+        --------
+        >>> SensorConfig('a', 'mpu9250', 'recorded', recorded_from='emulated mpu9250').measured
+        False
+        """
+        return 'hardware' in (self.backend, self.recorded_from.partition(' ')[0])
 
 
 def load_sensor(
@@ -108,6 +142,7 @@ def load_sensor(
     name: str = '',
     overrides: Mapping[str, Any] | None = None,
     settings_of: SettingsOf | None = None,
+    recorded_in: RecordedIn | None = None,
 ) -> SensorConfig:
     """
     Return the sensor that a ROS parameter file describes.
@@ -122,6 +157,9 @@ def load_sensor(
     settings_of : callable, optional
         Gives the settings of a driver by its name (`imu_bench.bench.settings_of`);
         without it the driver's settings are taken over unchecked.
+    recorded_in : callable, optional
+        Gives the head of a wire recording (`imu_bench.bus.recording.read_head`): driver and
+        settings that are not given come from there, those that are given have to agree.
 
     Raises
     ------
@@ -132,7 +170,11 @@ def load_sensor(
     parameters = dict(flatten(read_parameters(path)))
     parameters.update(flatten(overrides or {}))
     return sensor_from_parameters(
-        name or path.stem, parameters, settings_of=settings_of, source=f'{path}: {PARAMETERS}'
+        name or path.stem,
+        parameters,
+        settings_of=settings_of,
+        recorded_in=recorded_in,
+        source=f'{path}: {PARAMETERS}',
     )
 
 
@@ -141,6 +183,7 @@ def sensor_from_parameters(
     parameters: Mapping[str, Any],
     *,
     settings_of: SettingsOf | None = None,
+    recorded_in: RecordedIn | None = None,
     source: str = PARAMETERS,
 ) -> SensorConfig:
     """
@@ -164,6 +207,9 @@ def sensor_from_parameters(
     }
     common = {setting.name for setting in (*SENSOR_SETTINGS, *SIMULATION_SETTINGS)}
     problems: list[str] = []
+    head = _head(given, recorded_in, source)
+    if head is not None and given.setdefault('driver', head.driver) == head.driver:
+        given = {**head.settings, **given}
     own: tuple[Checkable, ...] = ()
     if settings_of is not None:
         # the drivers there are, not 'a text', is what helps whoever left it out
@@ -181,6 +227,15 @@ def sensor_from_parameters(
         problems.append(f"{source}.bus: missing; a hardware sensor needs one, such as 'i2c-1'")
     calibration = corrections(values, source, problems)
     raise_if_any(problems)
+    settings = {setting.name: values[setting.name] for setting in own}
+    if head is not None:
+        differences = head.differences(values['driver'], settings)
+        raise_if_any(
+            [
+                f'{source}.{key}: {text}; leave it out to play what was recorded'
+                for key, text in differences.items()
+            ]
+        )
     prefix = 'simulation.'
     return SensorConfig(
         name=name,
@@ -190,7 +245,7 @@ def sensor_from_parameters(
         address=None if values['address'] < 0 else values['address'],
         frame_id=values['frame_id'] or f'{name}_link',
         autostart=values['autostart'],
-        settings={setting.name: values[setting.name] for setting in own},
+        settings=settings,
         stddevs={quantity: values[f'{quantity}_stddev'] for quantity in STDDEVS},
         calibration=calibration,
         simulation={
@@ -198,8 +253,25 @@ def sensor_from_parameters(
             for key, value in values.items()
             if key.startswith(prefix) and value is not None and _wanted(key, given)
         },
+        wire_recording=values['wire_recording'],
+        recorded_from='' if head is None else head.origin,
         source=source,
     )
+
+
+def _head(
+    given: Mapping[str, Any], recorded_in: RecordedIn | None, source: str
+) -> Recorded | None:
+    """Return the head of the recording that is to be played, if one is; all follows from it."""
+    if given.get('backend') != 'recorded' or recorded_in is None:
+        return None
+    path = given.get('wire_recording')
+    if not path or not isinstance(path, str):
+        raise ConfigError(f'{source}.wire_recording: missing; name the file to play')
+    try:
+        return recorded_in(path)
+    except RecordingError as error:
+        raise ConfigError(f'{source}.wire_recording: {error}') from error
 
 
 class _Unchecked(Setting):

@@ -159,6 +159,8 @@ def _checks(sensors: tuple[SensorConfig, ...]) -> tuple[SensorCheck, ...]:
 
 def _check(sensor: SensorConfig) -> SensorCheck:
     label = bench.label(sensor)
+    if sensor.backend == 'recorded':
+        return SensorCheck(sensor.name, label, True, f'plays {sensor.wire_recording}')
     if sensor.backend != 'hardware':
         return SensorCheck(sensor.name, label, True, f'{sensor.backend}: needs no hardware')
     try:
@@ -179,8 +181,10 @@ def _wires(config: BenchConfig, buses: tuple[Bus, ...], i2c_hz: float) -> list[W
     """Return the buses of a bench; an emulated sensor that names none has one of its own."""
     shared: dict[str, dict[str, SensorConfig]] = {}
     for sensor in config.sensors:
-        if sensor.driver == bench.GENERIC or bench.kind_of_bus(sensor) == 'daqhat':
-            continue  # no wire that anybody knows
+        if sensor.driver == bench.GENERIC or sensor.backend == 'recorded':
+            continue  # no wire at all
+        if bench.kind_of_bus(sensor) == 'daqhat':
+            continue  # none that anybody knows
         shared.setdefault(_wire_name(sensor), {})[sensor.name] = sensor
     known = {PurePosixPath(bus.device).name: bus for bus in buses}
     return [_wire(name, sensors, known, i2c_hz) for name, sensors in shared.items()]

@@ -15,12 +15,14 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from imu_bench.bags.sensor_messages import IMU
 from imu_bench.config import ANALYSIS_SETTINGS, Setting
 from imu_bench.errors import BenchError
 from imu_bench.nodes import discovery, parameters, qos
 from imu_bench.nodes.diagnostics import Diagnostics, number
 from imu_bench.nodes.live_analysis import LiveAnalysis, LiveResult
 from imu_bench.nodes.metric_topics import MetricTopics
+from imu_bench.nodes.topic_names import IMU_TYPE
 from msg_conversions import building, cdr
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
@@ -69,7 +71,7 @@ class Watch:
     @property
     def name(self) -> str:
         """The sensor: the part of the topic before imu/data_raw."""
-        return self.topic.removesuffix('/' + discovery.IMU_TOPIC).rpartition('/')[2] or self.topic
+        return self.topic.removesuffix('/' + IMU).rpartition('/')[2] or self.topic
 
     def digest(self, now_s: float) -> None:
         """Decode what has arrived."""
@@ -142,7 +144,7 @@ class AnalysisNode(Node):
         self._diagnostics = Diagnostics(self, self._statuses)
 
     def _search(self) -> None:
-        for topic in discovery.find(self, discovery.IMU_TYPE, discovery.IMU_TOPIC):
+        for topic in discovery.find(self, IMU_TYPE, IMU):
             if topic not in self.watches:
                 self._watch(topic)
 

@@ -11,10 +11,11 @@ import time
 from types import TracebackType
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Vector3Stamped
-from imu_bench.acquisition.stats import WINDOW_S
+from imu_bench.acquisition.stats import RATE_TOLERANCE, WINDOW_S
 from imu_bench.errors import NotReady
+from imu_bench.nodes import discovery
 from imu_bench.samples import IMU_QUANTITIES
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -22,9 +23,6 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-
-RATE_TOLERANCE = 0.01
-"""Share of its rate that a sensor may miss and still be said to keep it."""
 
 LATE_S = 1.0
 """So much later than a recovery its samples may have left the rate's window."""
@@ -131,6 +129,27 @@ class SensorView:
         return f'{text}; does NOT keep its rate since: {seen}'
 
 
+@dataclass
+class RecorderView:
+    """The latest that the recorder of one bag said."""
+
+    bag: str = ''
+    message: str = ''
+    failed: bool = False
+    values: dict[str, str] = field(default_factory=dict)
+    heard_s: float = -math.inf
+    """When it was heard, on the clock of `time.monotonic`."""
+
+    def stored(self, topic: str) -> int:
+        """Return how many messages of a topic are on the disk."""
+        return int(self.values.get(f'stored.{topic}', '0'))
+
+    @property
+    def dropped(self) -> int:
+        """Messages that came faster than the disk took them."""
+        return int(self.values.get('dropped', '0'))
+
+
 class BenchMonitor:
     """
     Listens to a bench in a thread of its own; use as a context manager.
@@ -139,10 +158,14 @@ class BenchMonitor:
     ----------
     sensors : list of str
         Names of the sensors, last part of their namespaces below /bench.
+    bag : str
+        The bag whose recorder is listened to, as the recorder was told it; none by default.
     """
 
-    def __init__(self, sensors: list[str]) -> None:
+    def __init__(self, sensors: list[str], bag: str = '') -> None:
         self.sensors = {name: SensorView(name) for name in sensors}
+        self.recorder = RecorderView(bag)
+        self._news = threading.Condition()
 
     def __enter__(self) -> BenchMonitor:
         # Ctrl-C is for the main thread alone: rclpy's handler would take the context down under
@@ -182,6 +205,19 @@ class BenchMonitor:
         while not self._over.done():
             # in stretches: should a wake-up come just before it waits, it is not missed for long
             self._executor.spin_until_future_complete(self._over, STRETCH_S)
+
+    def wait_for(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        """
+        Wait until something holds; return whether it does.
+
+        Parameters
+        ----------
+        done : callable
+            Asked again after every message on /diagnostics.
+        timeout_s : float
+        """
+        with self._news:
+            return self._news.wait_for(done, timeout_s)
 
     def begin(self, at_s: float) -> None:
         """
@@ -228,6 +264,21 @@ class BenchMonitor:
                 view.message = status.message
                 view.values = {pair.key: pair.value for pair in status.values}
                 view.heard_s = time.monotonic()
+            elif status.name.endswith('recording') and status.hardware_id == self.recorder.bag:
+                self._hear_recorder(status)
+        with self._news:
+            self._news.notify_all()
+
+    def _hear_recorder(self, status: DiagnosticStatus) -> None:
+        view = self.recorder
+        view.message, view.failed = status.message, status.level == DiagnosticStatus.ERROR
+        view.values = {pair.key: pair.value for pair in status.values}
+        view.heard_s = time.monotonic()
+
+    def topics(self) -> dict[str, str]:
+        """Return the topics that somebody publishes now, as name to type."""
+        graph = discovery.find(self._node)
+        return {name: kind for name, kind in graph.items() if self._node.count_publishers(name)}
 
     def _listener(self, name: str, quantity: str) -> Callable[[Vector3Stamped], None]:
         def listen(message: Vector3Stamped) -> None:

@@ -10,13 +10,17 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from imu_bench.acquisition import AcquisitionStats
 from imu_bench.metrology.estimate import Estimate
+from imu_bench.nodes.topic_names import DIAGNOSTICS
 from msg_conversions import building
+from rclpy.duration import Duration
 from rclpy.node import Node
 
-TOPIC = '/diagnostics'
 PERIOD_S = 1.0
 SOON_NS = 100_000_000
 """News go out at once, but no more often than this."""
+
+LISTENING = Duration(seconds=1.0)
+"""So long a node waits for those who have not heard its last words."""
 
 RATE_TOLERANCE = 0.02
 """A sensor that delivers less than this much below its own rate is too slow."""
@@ -36,7 +40,7 @@ class Diagnostics:
     def __init__(self, node: Node, statuses: Callable[[], Iterable[DiagnosticStatus]]) -> None:
         self._node = node
         self._statuses = statuses
-        self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
+        self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         self._said_ns = 0
         soon: Any = node.create_timer(SOON_NS * 1e-9, self.publish)
         soon.cancel()
@@ -56,6 +60,11 @@ class Diagnostics:
         self._soon.cancel()
         now_ns = self._said_ns = self._node.get_clock().now().nanoseconds
         self._publisher.publish(building.diagnostic_array(now_ns, self._statuses()))
+
+    def last_words(self) -> None:
+        """Publish, and wait a little until everybody who listens has heard it."""
+        self.publish()
+        self._publisher.wait_for_all_acked(LISTENING)
 
 
 class Losses(NamedTuple):
@@ -115,6 +124,8 @@ def judge(stats: AcquisitionStats, before: Losses) -> tuple[str, str]:
     before : Losses
         The counts of the status before this one.
     """
+    if stats.over:
+        return ('error' if stats.over == stats.error else 'ok'), stats.over
     if stats.error:
         return 'error', f'{stats.state}: {stats.error}'
     if stats.state != 'running':
@@ -124,9 +135,9 @@ def judge(stats: AcquisitionStats, before: Losses) -> tuple[str, str]:
     if grown:
         last = f'; {stats.last_error}' if now.failures > before.failures else ''
         return 'warn', f'since the last report: {grown}{last}'
-    slow = _too_slow(stats)
-    if slow:
-        return 'warn', slow
+    trouble = stats.tape_problem or _too_slow(stats)
+    if trouble:
+        return 'warn', trouble
     return 'ok', 'running'
 
 
@@ -158,6 +169,7 @@ def acquisition_values(stats: AcquisitionStats) -> dict[str, Any]:
         'late': stats.late,
         'queued': stats.queued,
         'scheduling': stats.scheduling,
+        **({'wire_recording': stats.tape} if stats.tape else {}),
         **{f'error.{name}': count for name, count in stats.errors.items()},
         **{f'counter.{name}': count for name, count in stats.counters.items()},
     }

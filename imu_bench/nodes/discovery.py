@@ -7,9 +7,6 @@ from collections.abc import Iterable
 
 from rclpy.node import Node
 
-IMU_TYPE = 'sensor_msgs/msg/Imu'
-IMU_TOPIC = 'imu/data_raw'
-
 
 def matching(
     topics: Iterable[tuple[str, Iterable[str]]], type_name: str = '', suffix: str = ''

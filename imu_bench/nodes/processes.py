@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 import ctypes
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -51,6 +52,11 @@ class BenchProcesses:
         """Return the path of a process's log."""
         return self._logs / f'{name}.log'
 
+    def move_logs(self, folder: Path) -> None:
+        """Move the folder of the logs; processes that run go on writing into them."""
+        self._logs.rename(folder)
+        self._logs = folder
+
     def number(self, name: str) -> int:
         """Return the process id of a running process."""
         return self._running[name].pid
@@ -78,9 +84,22 @@ class BenchProcesses:
         return [name for name, process in processes.items() if _had_to_kill(process, deadline)]
 
     def last_words(self, name: str) -> str:
-        """Return the last line of a process's log that is not empty."""
+        """Return the last line of a process's log that is not empty, as a sentence."""
         text = self.log(name).read_text(encoding='utf-8', errors='replace')
-        return next((line.strip() for line in reversed(text.splitlines()) if line.strip()), '')
+        lines = (line.strip() for line in reversed(text.splitlines()))
+        return _sentence(next(filter(None, lines), ''))
+
+
+def _sentence(line: str) -> str:
+    """
+    Return a line of a log without level, time and name of the logger.
+
+    Examples
+    --------
+    >>> _sentence('[FATAL] [1795256815.134590114] [imu_bench]: no such device')
+    'no such device'
+    """
+    return re.sub(r'^\[[A-Z]+\] \[[0-9.]+\] \[[^\]]*\]: ', '', line)
 
 
 def _had_to_kill(process: subprocess.Popen[bytes], deadline: float) -> bool:

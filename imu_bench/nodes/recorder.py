@@ -19,23 +19,12 @@ from imu_bench.config import Setting
 from imu_bench.config.bench import RECORDER_SETTINGS
 from imu_bench.errors import RecordingError
 from imu_bench.nodes import diagnostics, discovery, parameters, qos
-from imu_bench.samples import IMU_QUANTITIES
+from imu_bench.nodes.topic_names import DIAGNOSTICS, SUFFIXES
 from msg_conversions import building
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-
-METRICS = ('rms', 'noise_density', 'bias_instability')
-
-SUFFIXES = (
-    'imu/data_raw',
-    'imu/mag',
-    'temperature',
-    'imu/allan_deviation',
-    *(f'imu/{metric}/{quantity.name}' for metric in METRICS for quantity in IMU_QUANTITIES),
-)
-"""Last parts of the names of the bench's topics, in whatever namespace."""
 
 SETTINGS = (
     Setting(
@@ -101,10 +90,17 @@ class RecorderNode(Node):
         self.log.info(f'recording into {self.path.resolve()}')
 
     def close(self) -> None:
-        """Write everything that has come and finish the bag."""
+        """Write everything that has come, finish the bag, and say how it went."""
         for subscription in self._recorded.values():
             if subscription is not None:
                 self.destroy_subscription(subscription)
+        try:
+            self._finish()
+        finally:
+            if self.context.ok():
+                self._diagnostics.last_words()
+
+    def _finish(self) -> None:
         told = self._writer.error is not None
         try:
             self._writer.close()
@@ -136,7 +132,7 @@ class RecorderNode(Node):
         return {
             name: kind
             for name, kind in graph.items()
-            if name == diagnostics.TOPIC or any(name.endswith('/' + end) for end in SUFFIXES)
+            if name == DIAGNOSTICS or any(name.endswith('/' + end) for end in SUFFIXES)
         }
 
     def _subscribe(

@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from imu_bench import bench
 from imu_bench.acquisition import Acquisition
 from imu_bench.acquisition.priority import ordinary_priority
+from imu_bench.bus.recording import read_head
 from imu_bench.config import (
     sensor_from_parameters,
     SENSOR_SETTINGS,
@@ -22,7 +23,13 @@ from imu_bench.config import (
     SIMULATION_SETTINGS,
 )
 from imu_bench.config.beginning import Beginning
-from imu_bench.errors import BenchError, BusBusy, ConfigError, PermissionDenied
+from imu_bench.errors import (
+    BenchError,
+    BusBusy,
+    ConfigError,
+    PermissionDenied,
+    RecordingError,
+)
 from imu_bench.nodes import diagnostics, parameters
 from imu_bench.nodes.fault_report import FaultReport
 from imu_bench.nodes.sensor_topics import SensorTopics
@@ -31,6 +38,7 @@ from imu_bench.samples import Samples
 from msg_conversions import building
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.task import Future
 
 PLAIN = 'sensor'
 """What is left of the plain executable's name without '_node'."""
@@ -93,6 +101,11 @@ class SensorNode(LifecycleNode):
     **options
         For rclpy's LifecycleNode.
 
+    Attributes
+    ----------
+    ended : Future
+        Done when a recording has been played; the result is the error if it could not be.
+
     Raises
     ------
     ConfigError
@@ -126,10 +139,11 @@ class SensorNode(LifecycleNode):
         self._said: type = type(None)
         self._data: Any = self.create_guard_condition(self._publish_waiting)
         self._diagnostics = diagnostics.Diagnostics(self, self._statuses)
+        make_future: Any = Future
+        self.ended = make_future()
         if self.config.backend != 'hardware':
-            self.log.warning(
-                f'{self.config.name}: {bench.label(self.config)}: these are not measurements'
-            )
+            what = 'measured then' if self.config.measured else 'not measurements'
+            self.log.warning(f'{self.config.name}: {bench.label(self.config)}: these are {what}')
         if self.config.autostart:
             try:
                 self.bring_up()
@@ -145,8 +159,15 @@ class SensorNode(LifecycleNode):
                 f'runs {expected}, use sensor_node for others'
             )
         config = sensor_from_parameters(
-            name, given, settings_of=bench.settings_of, source=parameters.SOURCE
+            name,
+            given,
+            settings_of=bench.settings_of,
+            recorded_in=read_head,
+            source=parameters.SOURCE,
         )
+        if config.backend == 'recorded':
+            # what is played is what the parameters say
+            given = {**given, 'driver': config.driver, **config.settings}
         own: Any = bench.settings_of(config.driver)
         parameters.declare(self, (*SENSOR_SETTINGS, *SIMULATION_SETTINGS, *own), given)
         return config
@@ -206,6 +227,8 @@ class SensorNode(LifecycleNode):
             self._release()
             raise
         self.log.info(f'{self.config.name}: {part}, {bench.label(self.config)}')
+        if self.acquisition.stats.tape:
+            self.log.info(f'{self.config.name}: {self.acquisition.stats.tape}')
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start sampling."""
@@ -290,6 +313,17 @@ class SensorNode(LifecycleNode):
         if news or error is not self._said:
             self._said = error
             self._diagnostics.publish_soon()
+        if acquisition.over and not self.ended.done():
+            self._end(acquisition)
+
+    def _end(self, acquisition: Acquisition) -> None:
+        """Say that a recording has been played, or why not to its end, and ask to be ended."""
+        self._diagnostics.publish()
+        if isinstance(acquisition.error, RecordingError):
+            self.ended.set_result(acquisition.error)
+        else:
+            self.log.info(f'{self.config.name}: {acquisition.over}')
+            self.ended.set_result(None)
 
     def _statuses(self) -> list[DiagnosticStatus]:
         acquisition, topics = self.acquisition, self._topics

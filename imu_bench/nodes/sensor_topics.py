@@ -8,8 +8,10 @@ from collections.abc import Callable
 import math
 
 from geometry_msgs.msg import Vector3Stamped
+from imu_bench.bags.sensor_messages import IMU, INCLINATION, MAGNETIC_FIELD, TEMPERATURE
 from imu_bench.config import SensorConfig
 from imu_bench.nodes import qos
+from imu_bench.nodes.topic_names import ORIENTATION
 from imu_bench.samples import Samples
 from msg_conversions import cdr, covariance
 from msg_conversions.templates import ImuTemplate, Template
@@ -24,21 +26,15 @@ So much a publisher keeps for those who want every sample: after a recovery up t
 samples, held back until their stamps are known, goes out at once, and may do so twice in a row.
 """
 
-IMU_TOPIC = 'imu/data_raw'
-ORIENTATION_TOPIC = 'imu/data'
-MAGNETIC_FIELD_TOPIC = 'imu/mag'
-TEMPERATURE_TOPIC = 'temperature'
-INCLINATION_TOPIC = 'inclination'
-
 DELIVERY = Duration(seconds=2.0)
 """What a reliable reader has not taken by then it does not get: a publisher forgets as it goes."""
 
 _MESSAGES = {
-    IMU_TOPIC: Imu,
-    ORIENTATION_TOPIC: Imu,
-    MAGNETIC_FIELD_TOPIC: MagneticField,
-    TEMPERATURE_TOPIC: Temperature,
-    INCLINATION_TOPIC: Vector3Stamped,
+    IMU: Imu,
+    ORIENTATION: Imu,
+    MAGNETIC_FIELD: MagneticField,
+    TEMPERATURE: Temperature,
+    INCLINATION: Vector3Stamped,
 }
 
 
@@ -76,7 +72,7 @@ class SensorTopics:
         )
         self._temperature = Template(config.frame_id, (0.0, 0.0))
         self._inclination = Template(config.frame_id, (0.0, 0.0, 0.0))
-        self._publisher(IMU_TOPIC)
+        self._publisher(IMU)
 
     def publish(self, run: Samples) -> None:
         """Publish everything a run carries, in the order of its stamps."""
@@ -86,21 +82,21 @@ class SensorTopics:
         if moves or turns:
             template = self._imu_template(moves, turns)
             blobs = template.encode_imu(run.stamps, run.acceleration, run.angular_velocity)
-            self._send(IMU_TOPIC, blobs)
+            self._send(IMU, blobs)
         if run.orientation is not None:
             template = self._imu_template(moves, turns, orientation=True)
             motion = run.acceleration, run.angular_velocity
             blobs = template.encode_imu(run.stamps, *motion, run.orientation)
-            self._send(ORIENTATION_TOPIC, blobs)
+            self._send(ORIENTATION, blobs)
         if run.magnetic_field is not None:
             part = (cdr.MAGNETIC_FIELD_VECTOR, run.magnetic_field)
-            self._send(MAGNETIC_FIELD_TOPIC, self._magnetic_field.encode(run.stamps, part))
+            self._send(MAGNETIC_FIELD, self._magnetic_field.encode(run.stamps, part))
         if run.temperature is not None:
             newest = (cdr.TEMPERATURE_VALUE, run.temperature[-1:, None])
-            self._send(TEMPERATURE_TOPIC, self._temperature.encode(run.stamps[-1:], newest))
+            self._send(TEMPERATURE, self._temperature.encode(run.stamps[-1:], newest))
         if run.inclination is not None:
             part = (cdr.VECTOR3_VECTOR, run.inclination)
-            self._send(INCLINATION_TOPIC, self._inclination.encode(run.stamps, part))
+            self._send(INCLINATION, self._inclination.encode(run.stamps, part))
 
     def close(self) -> None:
         """Take the topics down, once everybody who wants every sample has the last one."""

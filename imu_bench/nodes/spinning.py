@@ -3,9 +3,10 @@
 Start a node, spin it, and leave cleanly, whatever ends it.
 
 Every executable is ``def main(args=None): return run('package.module:NodeClass', args=args)``.
-The node class takes no arguments.  If it has a method ``close()``, that is called once
-before the node is destroyed, with ROS 2 still up: stop threads, flush files, release
-buses, publish last words there.
+The node class takes no arguments.  If it has a Future ``ended``, the spin ends when that is
+done, with the error that is its result, if it is one.  If it has a method ``close()``, that is
+called once before the node is destroyed, with ROS 2 still up: stop threads, flush files,
+release buses, publish last words there.
 
 SIGINT and SIGTERM both end the spin with exit code 0.  They are blocked and collected by
 a thread of their own, so that no KeyboardInterrupt exists which a second signal could
@@ -26,7 +27,7 @@ import sys
 import threading
 from typing import Any
 
-from imu_bench.errors import BenchError
+from imu_bench.errors import BenchError, NotReady
 
 INSTALL = (
     'ROS 2 is not installed for this Python. Either source an installation '
@@ -42,6 +43,21 @@ Spin in stretches of this length: without a timeout the events executor of the J
 burns a whole core and is deaf to other threads (their C++ library computes an endless
 deadline that overflows).
 """
+
+
+def require_ros() -> None:
+    """
+    Import ROS 2, or say what to do.
+
+    Raises
+    ------
+    NotReady
+        If it is not installed.
+    """
+    try:
+        import_module('rclpy')
+    except ModuleNotFoundError as error:
+        raise NotReady(INSTALL) from error
 
 
 class _Stop:
@@ -144,10 +160,12 @@ def _life(make: Callable[[], Any], executor_name: str, stop: _Stop) -> int:
         node = make()
         executor = _executor(executor_name)
         executor.add_node(node)
-        asked = make_future()
+        asked = getattr(node, 'ended', None) or make_future()
         stop.attach(asked)
         while ok() and not asked.done():
             executor.spin_until_future_complete(asked, _SPIN_S)
+        if isinstance(asked.result(), BenchError):
+            raise asked.result()
         return 0
     except ExternalShutdownException:
         return 0

@@ -16,6 +16,7 @@ import sys
 import threading
 import tty
 
+from imu_bench import bench
 from imu_bench.acquisition import Acquisition
 from imu_bench.bus.clock import SystemClock
 from imu_bench.bus.opening import open_bus
@@ -150,6 +151,48 @@ def test_a_plug_that_is_pulled_is_named_and_survived(cable, name):
     assert (np.diff(stamps) > 0).all()
     for run in runs:
         assert np.abs(run.acceleration[:, 2] - 9.8).max() < 1.5
+
+
+def test_what_happened_on_the_line_is_played_to_the_bit(cable, tmp_path):
+    made = cable('mti300')
+    given = {'driver': 'mti300', 'backend': 'hardware', 'bus': str(made.path)}
+    given['wire_recording'] = str(tmp_path / 'mine.wire')
+    sensor = sensor_from_parameters('mine', given, settings_of=bench.settings_of)
+    made.clock.sleep(load('mti300').start_up_s)
+    acquisition = bench.build(sensor, made.clock)
+    runs = []
+
+    def until(happened):
+        deadline = made.clock.now_ns() + 20 * 10**9
+        while not happened() and made.clock.now_ns() < deadline:
+            made.clock.sleep(0.02)
+            runs.extend(acquisition.drain())
+        assert happened()
+
+    try:
+        acquisition.prepare()
+        acquisition.start()
+        until(lambda: runs)
+        made.pull()
+        until(lambda: acquisition.stats.failures)
+        made.plug_in()
+        until(lambda: acquisition.stats.state == 'running' and not acquisition.stats.error)
+        failed = len(runs)
+        until(lambda: len(runs) > failed + 5)
+    finally:
+        acquisition.stop()
+        runs.extend(acquisition.drain())
+        stats = acquisition.stats
+        acquisition.close()
+    again, played = bench.play(tmp_path / 'mine.wire')
+    assert played.over.endswith('events')
+    for name in ('samples', 'lost', 'counters', 'errors', 'last_error', 'recoveries', 'late'):
+        assert getattr(played, name) == getattr(stats, name), name
+    assert stats.errors['NoAnswer'] >= 1
+    assert [run.stamps.tolist() for run in again] == [run.stamps.tolist() for run in runs]
+    for run, other in zip(runs, again, strict=True):
+        if run.acceleration is not None:
+            np.testing.assert_array_equal(run.acceleration, other.acceleration)
 
 
 @pytest.mark.ros

@@ -8,6 +8,7 @@ from imu_bench.config import BenchConfig, sensor_from_parameters
 from imu_bench.doctor import checkup, machine, probing
 from imu_bench.doctor.machine import Bus
 from imu_bench.errors import NoAnswer
+from imu_bench.simulation.clock import SimulatedClock
 import pytest
 
 
@@ -107,3 +108,22 @@ def test_everything_is_json(pi):
     document = checkup.examine(config).as_json()
     assert json.loads(json.dumps(document, allow_nan=False))['schema'] == 'imu_bench.doctor/1'
     assert document['buses'][0]['advice'] == ''
+
+
+def test_a_sensor_that_is_played_needs_no_wire(pi, tmp_path):
+    path = tmp_path / 'mine.wire'
+    acquisition = bench.build(
+        sensor('a', 'mpu9250', backend='emulated', wire_recording=str(path)), SimulatedClock()
+    )
+    acquisition.prepare()
+    acquisition.close()
+    (tmp_path / 'a.yaml').write_text(
+        '/**:\n  ros__parameters:\n    backend: recorded\n    bus: i2c-1\n'
+        f'    wire_recording: {path}\n'
+    )
+    (tmp_path / 'bench.yaml').write_text('name: one\nsensors:\n  - file: a.yaml\n')
+    found = checkup.examine(bench.load_bench(tmp_path / 'bench.yaml'))
+    assert found.ok
+    assert found.loads == ()
+    assert found.sensors[0].found == f'plays {path}'
+    assert found.sensors[0].label.startswith('recorded emulated mpu9250, ')

@@ -13,7 +13,7 @@ import pytest
 with warnings.catch_warnings():
     # the first serialisation of rclpy imports a parser that uses a deprecated module
     warnings.simplefilter('ignore', DeprecationWarning)
-    import rosidl_generator_py  # noqa: F401
+    import rosidl_generator_py  # noqa: F401, imported for its warning
 
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor

@@ -2,6 +2,7 @@
 """The verdict on a sensor whose wires failed as scripted, and what its recording misses."""
 
 import json
+from threading import Thread
 
 import pytest
 
@@ -63,3 +64,27 @@ def test_what_the_recording_misses_beyond_that_was_lost_on_the_way(
     results.write_text(json.dumps({'recordings': [recording]}), encoding='utf-8')
     show_gaps(results, {'mti300': view([430, 915])})
     assert said in capsys.readouterr().out
+
+
+def test_waiting_ends_with_the_message_that_was_waited_for():
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+    from imu_bench.nodes.bench_monitor import BenchMonitor
+
+    monitor = BenchMonitor(['mpu9250'])
+    heard = DiagnosticStatus(
+        name='/bench/mpu9250: acquisition',
+        level=DiagnosticStatus.OK,
+        values=[KeyValue(key='samples', value='5')],
+    )
+    listener = Thread(target=monitor._diagnostics, args=(DiagnosticArray(status=[heard]),))
+
+    def publishing():
+        found = monitor.sensors['mpu9250'].publishing
+        if not listener.ident:
+            listener.start()
+        return found
+
+    # without being told it would wait for longer than a test may take
+    assert monitor.wait_for(publishing, 1e6)
+    assert not monitor.wait_for(lambda: False, 0.0)
+    listener.join()

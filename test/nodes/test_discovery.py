@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which topics are taken for those of a sensor."""
 
-from imu_bench.nodes.discovery import IMU_TOPIC, IMU_TYPE, matching
+from imu_bench.bags.sensor_messages import IMU
+from imu_bench.nodes.discovery import matching
+from imu_bench.nodes.topic_names import IMU_TYPE
 
 GRAPH = [
     ('/bench/b/imu/data_raw', [IMU_TYPE]),
@@ -15,7 +17,7 @@ GRAPH = [
 
 
 def test_name_and_type_must_both_fit():
-    found = matching(GRAPH, IMU_TYPE, IMU_TOPIC)
+    found = matching(GRAPH, IMU_TYPE, IMU)
     assert list(found) == ['/bench/a/imu/data_raw', '/bench/b/imu/data_raw', '/imu/data_raw']
 
 

@@ -24,7 +24,7 @@ def parts(whole, size):
     """Cut a block into blocks."""
     for start in range(0, len(whole), size):
         cut = slice(start, start + size)
-        columns = {k: v[cut] for k, v in vars(whole).items() if k != 'frame_ids'}
+        columns = {k: v[cut] for k, v in vars(whole).items() if isinstance(v, np.ndarray)}
         yield ImuBlock(**columns, frame_ids=whole.frame_ids)
 
 

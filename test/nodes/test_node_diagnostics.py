@@ -50,6 +50,20 @@ def test_what_is_wrong_is_said(change, level, says):
     assert says in message
 
 
+@pytest.mark.parametrize(
+    ('change', 'level', 'says'),
+    [
+        ({'state': 'stopped', 'over': 'over after 3 s'}, 'ok', 'over after 3 s'),
+        # in the middle of a fault
+        ({'over': 'over after 3 s', 'error': 'no answer'}, 'ok', 'over after 3 s'),
+        ({'over': 'event 3 differs', 'error': 'event 3 differs'}, 'error', 'event 3 differs'),
+        ({'tape_problem': 'a.wire: ends early'}, 'warn', 'a.wire: ends early'),
+    ],
+)
+def test_what_is_played_and_recorded_is_said(change, level, says):
+    assert judge(replace(WELL, **change), BEFORE) == (level, says)
+
+
 def test_a_rate_not_known_yet_is_no_fault():
     unknown = Estimate.not_observable('Hz', 'no data yet')
     assert judge(replace(WELL, rate=unknown, delivered=unknown), BEFORE)[0] == 'ok'

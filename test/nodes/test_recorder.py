@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder: which topics, which bytes, which quality of service; health; refusals."""
 
+from geometry_msgs.msg import Vector3Stamped
 from imu_bench.errors import ConfigError, RecordingError
 from imu_bench.nodes.recorder import message_class, RecorderNode, requested_qos
 from imu_bench.offline.recordings import load, open_source
@@ -71,6 +72,7 @@ def test_the_topics_of_the_bench_are_recorded_in_every_namespace(ros, talker, re
         '/bench/a/imu/data_raw': Imu,
         '/bench/b/imu/data_raw': Imu,
         '/elsewhere/c/temperature': Temperature,
+        '/bench/a/inclination': Vector3Stamped,
         '/bench/a/imu/allan_deviation': Float64MultiArray,
     }
     others = {'/chatter': String, '/bench/a/imu/other': Imu, '/bench/not_imu/data_raw': Imu}

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """One sensor node in this process: topics, parameters, lifecycle, diagnostics."""
 
-from dataclasses import replace
 import math
 import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from imu_bench import bench
-from imu_bench.config import SENSOR_SETTINGS, SIMULATION_SETTINGS
+from imu_bench.bus.clock import SystemClock
+from imu_bench.config import SENSOR_SETTINGS, SensorConfig, SIMULATION_SETTINGS
+from imu_bench.drivers import load
 from imu_bench.errors import BenchError, BusBusy, ConfigError, PermissionDenied
 from imu_bench.nodes.sensor import default_name, executable, SensorNode
 from lifecycle_msgs.msg import State, Transition
@@ -149,7 +150,7 @@ def test_every_parameter_is_described_and_limited(ros):
     assert '[m/s²]' in stddev.description
     assert stddev.floating_point_range[0].from_value == 0.0
     assert by_name['address'].integer_range[0].to_value == 0x77
-    assert by_name['backend'].additional_constraints == 'hardware, emulated'
+    assert by_name['backend'].additional_constraints == 'hardware, emulated, recorded'
     assert by_name['accelerometer_range'].additional_constraints == '2, 4, 8, 16 g'
     values = ros.call(
         client.create_client(GetParameters, f'{path}/get_parameters'),
@@ -351,12 +352,15 @@ def test_what_others_have_to_put_right_is_waited_for(ros, monkeypatch, kind):
     statuses = diagnostics(ros, 'left')
     closed = True
 
-    def hardware(sensor, clock, *_):
+    def hardware(device, *_):
         if closed:
-            raise kind(f'/dev/{sensor.bus}: not for you')
-        return bench._emulated(replace(sensor, bus=''), clock)
+            raise kind(f'/dev/{device}: not for you')
+        clock = SystemClock()
+        buses = bench.emulated_buses(SensorConfig('left', 'mpu9250', 'emulated'), clock)
+        clock.sleep(load('mpu9250').start_up_s)
+        return buses
 
-    monkeypatch.setitem(bench._BACKENDS, 'hardware', hardware)
+    monkeypatch.setattr(bench, 'open_bus', hardware)
     received = listen(ros, Imu, '/bench/left/imu/data_raw')
     parameters = {'driver': 'mpu9250', 'backend': 'hardware', 'bus': 'i2c-1'}
     ros.add(SensorNode, 'left', parameters=parameters)
