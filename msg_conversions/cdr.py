@@ -55,6 +55,12 @@ _IMU_COLUMNS = (
     slice(IMU_LINEAR_ACCELERATION_COVARIANCE.start, IMU_LINEAR_ACCELERATION_COVARIANCE.start + 1),
     slice(IMU_ANGULAR_VELOCITY_COVARIANCE.start, IMU_ANGULAR_VELOCITY_COVARIANCE.start + 1),
 )
+_EVERYTHING = (slice(0, IMU),)
+_COVARIANCES = (
+    IMU_ORIENTATION_COVARIANCE,
+    IMU_ANGULAR_VELOCITY_COVARIANCE,
+    IMU_LINEAR_ACCELERATION_COVARIANCE,
+)
 
 
 class Stamped(NamedTuple):
@@ -88,6 +94,10 @@ class ImuBlock:
         First element of each covariance: -1 where the quantity is not reported.
     frame_ids : tuple of str
         Each frame_id that occurs, once, sorted.
+    orientation : ndarray of float64, shape (n, 4), or None
+        x, y, z, w; None unless asked for.
+    covariances : ndarray of float64, shape (n, 27), or None
+        Those of orientation, angular velocity and acceleration; None unless asked for.
     """
 
     stamps: npt.NDArray[np.int64]
@@ -96,6 +106,8 @@ class ImuBlock:
     acceleration_covariance: Floats
     angular_velocity_covariance: Floats
     frame_ids: tuple[str, ...]
+    orientation: Floats | None = None
+    covariances: Floats | None = None
 
     def __len__(self) -> int:
         return int(self.stamps.size)
@@ -142,7 +154,9 @@ def decode_imu_joined(data: Buffer, offsets: npt.ArrayLike) -> ImuBlock:
     return decode_imu_at(data, edges[:-1], np.diff(edges))
 
 
-def decode_imu_at(data: Buffer, offsets: npt.ArrayLike, sizes: npt.ArrayLike) -> ImuBlock:
+def decode_imu_at(
+    data: Buffer, offsets: npt.ArrayLike, sizes: npt.ArrayLike, *, full: bool = False
+) -> ImuBlock:
     """
     Decode sensor_msgs/Imu that lie anywhere in a buffer, touching only the bytes that are used.
 
@@ -151,6 +165,8 @@ def decode_imu_at(data: Buffer, offsets: npt.ArrayLike, sizes: npt.ArrayLike) ->
     data : bytes-like
     offsets, sizes : array_like of int64, shape (n,)
         Where each message lies, in bytes.
+    full : bool
+        Orientation and covariances, too.
 
     Raises
     ------
@@ -164,6 +180,9 @@ def decode_imu_at(data: Buffer, offsets: npt.ArrayLike, sizes: npt.ArrayLike) ->
     >>> decode_imu_at(b'...' + blob, [3], [len(blob)]).acceleration.tolist()
     [[0.0, 0.0, 9.8]]
     """
+    if full:
+        everything = decode_at(data, offsets, sizes, IMU, _EVERYTHING)
+        return imu_block(everything.stamps, everything.columns[0], everything.frame_ids, full=True)
     stamps_, columns, frame_ids = decode_at(data, offsets, sizes, IMU, _IMU_COLUMNS)
     acceleration, angular_velocity, *first = columns
     return ImuBlock(
@@ -173,6 +192,37 @@ def decode_imu_at(data: Buffer, offsets: npt.ArrayLike, sizes: npt.ArrayLike) ->
         acceleration_covariance=first[0][:, 0],
         angular_velocity_covariance=first[1][:, 0],
         frame_ids=frame_ids,
+    )
+
+
+def imu_block(
+    stamps_: npt.NDArray[np.int64],
+    numbers: Floats,
+    frame_ids: tuple[str, ...],
+    *,
+    full: bool = False,
+) -> ImuBlock:
+    """
+    Return messages whose numbers are all known, shape (n, 37), in the order of the message.
+
+    Orientation and covariances are taken over with `full` only.
+
+    Examples
+    --------
+    >>> numbers = np.arange(37.0)[None]
+    >>> imu_block(np.array([10]), numbers, ('imu_link',), full=True).orientation.tolist()
+    [[0.0, 1.0, 2.0, 3.0]]
+    """
+    return ImuBlock(
+        stamps=stamps_,
+        # copies, so that the other numbers of the messages do not stay in memory with these
+        acceleration=numbers[:, IMU_LINEAR_ACCELERATION].copy(),
+        angular_velocity=numbers[:, IMU_ANGULAR_VELOCITY].copy(),
+        acceleration_covariance=numbers[:, IMU_LINEAR_ACCELERATION_COVARIANCE.start].copy(),
+        angular_velocity_covariance=numbers[:, IMU_ANGULAR_VELOCITY_COVARIANCE.start].copy(),
+        frame_ids=frame_ids,
+        orientation=numbers[:, IMU_ORIENTATION].copy() if full else None,
+        covariances=np.hstack([numbers[:, part] for part in _COVARIANCES]) if full else None,
     )
 
 

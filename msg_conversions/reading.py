@@ -15,6 +15,12 @@ from msg_conversions import cdr, stamps
 from msg_conversions.allan_layout import AllanCurves, unpack
 import numpy as np
 
+_COVARIANCES = (
+    'orientation_covariance',
+    'angular_velocity_covariance',
+    'linear_acceleration_covariance',
+)
+
 
 def stamp_ns(message: Any) -> int:
     """Return the stamp of a message with a header, in nanoseconds since the epoch."""
@@ -22,7 +28,7 @@ def stamp_ns(message: Any) -> int:
     return int(stamp.sec) * stamps.NANOSECONDS + int(stamp.nanosec)
 
 
-def imu(messages: Iterable[Any]) -> cdr.ImuBlock:
+def imu(messages: Iterable[Any], *, full: bool = False) -> cdr.ImuBlock:
     """
     Return sensor_msgs/Imu messages as arrays.
 
@@ -30,6 +36,8 @@ def imu(messages: Iterable[Any]) -> cdr.ImuBlock:
     ----------
     messages : iterable of sensor_msgs/Imu
         Of rclpy or of rosbags.
+    full : bool
+        Orientation and covariances, too.
 
     Examples
     --------
@@ -45,6 +53,13 @@ def imu(messages: Iterable[Any]) -> cdr.ImuBlock:
     def first_elements(name: str) -> cdr.Floats:
         return np.array([getattr(message, name)[0] for message in every], dtype=np.float64)
 
+    orientation = covariances = None
+    if full:
+        turns = [message.orientation for message in every]
+        found = [(turn.x, turn.y, turn.z, turn.w) for turn in turns]
+        orientation = np.array(found, dtype=np.float64).reshape(-1, 4)
+        rows = [np.concatenate([getattr(m, name) for name in _COVARIANCES]) for m in every]
+        covariances = np.array(rows, dtype=np.float64).reshape(-1, 27)
     return cdr.ImuBlock(
         stamps=np.array([stamp_ns(message) for message in every], dtype=np.int64),
         acceleration=vectors('linear_acceleration'),
@@ -52,6 +67,8 @@ def imu(messages: Iterable[Any]) -> cdr.ImuBlock:
         acceleration_covariance=first_elements('linear_acceleration_covariance'),
         angular_velocity_covariance=first_elements('angular_velocity_covariance'),
         frame_ids=_frame_ids(every),
+        orientation=orientation,
+        covariances=covariances,
     )
 
 

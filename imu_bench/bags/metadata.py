@@ -44,6 +44,8 @@ class Announcement:
     message_count : int
     compression_format, compression_mode : str
         Empty, or 'zstd' and 'file' or 'message', in lower case.
+    custom : dict of str to str
+        Custom data: what whoever recorded it wanted to say.
     """
 
     version: int
@@ -54,6 +56,7 @@ class Announcement:
     message_count: int = 0
     compression_format: str = ''
     compression_mode: str = ''
+    custom: dict[str, str] = field(default_factory=dict)
 
 
 def read(path: Path) -> Announcement:
@@ -110,7 +113,14 @@ def parse(document: dict[str, Any]) -> Announcement:
         message_count=int(bag.get('message_count') or 0),
         compression_format=str(bag.get('compression_format') or '').lower(),
         compression_mode='' if mode == 'none' else mode,
+        custom=_custom(bag.get('custom_data')),
     )
+
+
+def _custom(found: object) -> dict[str, str]:
+    if not isinstance(found, Mapping):
+        return {}
+    return {str(key): str(value) for key, value in found.items()}
 
 
 @dataclass(frozen=True)

@@ -290,7 +290,7 @@ def _verdict(first: Estimate, second: Estimate, e_n: float | None) -> str:
     """
     Return the verdict.
 
-    Two values are the same where |E_n| ≤ 1 (ISO/IEC 17043:2010 annex B.3.1.3: difference over
+    Two values are the same where |E_n| ≤ 1 (ISO/IEC 17043:2010 annex B: difference over
     the root of the sum of the squared uncertainties).  A value and an upper bound differ where
     the value is surely above the bound.
     """

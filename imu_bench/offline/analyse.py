@@ -155,13 +155,8 @@ def cut(recording: Recording, settings: Settings) -> Recording:
         return recording
     inside = np.flatnonzero((stamps >= low) & (stamps <= high))
     if not inside.size:
-        begin_s, end_s, last_s = ((t - first) * 1e-9 for t in (low, high, last))
-        stamps_ns = '' if settings.window_ns is None else f', stamps {first} to {last} ns'
-        asked = f'between {begin_s:g} and {end_s:g} s' if low <= high else f'from {begin_s:g} s on'
-        raise RecordingError(
-            f'{recording.source}, topic {recording.topic}: no sample {asked}, counted from the '
-            f'first one; the last one is at {last_s:g} s{stamps_ns}'
-        )
+        asked = _asked(settings, first, last)
+        raise RecordingError(f'{recording.source}, topic {recording.topic}: no sample {asked}')
     # one slice where the stamps are in order: views, not copies
     part = slice(int(inside[0]), int(inside[-1]) + 1)
     received = recording.receive_ns
@@ -170,6 +165,16 @@ def cut(recording: Recording, settings: Settings) -> Recording:
         samples=recording.samples[part],
         receive_ns=None if received is None else received[part],
     )
+
+
+def _asked(settings: Settings, first: int, last: int) -> str:
+    """Return which part was asked for, and which there is, in the terms of the option."""
+    if settings.window_ns is not None:
+        low, high = settings.window_ns
+        return f'with a stamp from {low} to {high} ns; its stamps are {first} to {last} ns'
+    begin, end, length = settings.start_s or 0.0, settings.end_s, (last - first) * 1e-9
+    part = f'from {begin:.10g} s on' if end is None else f'between {begin:.10g} and {end:.10g} s'
+    return f'{part}, counted from the first one; the last one is at {length:.10g} s'
 
 
 def _with_axes(state: Health, found: Mapping[str, AxisResult]) -> Health:

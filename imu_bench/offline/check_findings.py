@@ -13,6 +13,9 @@ from imu_bench.offline.notation import number
 
 _NAMED = 4
 
+_SHAKEN = 10.0
+"""Factor by which the noise of no sensor changes by itself, be it warm or cold."""
+
 
 def axis_findings(
     axes: Sequence[AxisResult], *, moved: bool, coarse: Collection[str] = ()
@@ -57,12 +60,15 @@ def _unsteady(axes: Sequence[AxisResult]) -> Iterator[Finding]:
         return
     found.sort(key=lambda row: -(row[0].value or 0.0))
     named = _listed(f'{name} by a factor of {number(e.value or 1.0, 2)}' for e, name in found)
+    shaken = (found[0][0].value or 1.0) >= _SHAKEN
     yield Finding(
-        'warning',
+        'severe' if shaken else 'warning',
         'unsteady_noise',
         f'The noise changed during the recording: {named}.',
-        'One set of coefficients describes an average that held at no time; their intervals are '
-        'too narrow.',
+        'The coefficients describe what shook the sensor for a while, not the sensor.'
+        if shaken
+        else 'One set of coefficients describes an average that held at no time; their intervals '
+        'are too narrow.',
         'Look at the noise over time in the report; analyse the steady part with --start and '
         '--end.',
     )

@@ -189,7 +189,8 @@ def _short(recording: Named) -> str:
         return parts[parts.index('imu', 1) - 1]
     stem = _stem(recording)
     if not recording.topic.startswith('/') or not parts:
-        return stem
+        # two files that are one sensor are named after both
+        return recording.topic if ' + ' in recording.topic else stem
     return '/'.join(parts)
 
 

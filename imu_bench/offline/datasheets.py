@@ -27,6 +27,9 @@ Document = Mapping[str, Mapping[str, Any]]
 """By sensor: its source, and by quantity its numbers in SI; as it stands in a JSON document."""
 
 _SOURCE = 'source'
+_EXAMPLE = "an entry is like 'my_imu: {linear_acceleration: {noise_density: 120 µg/√Hz}}'"
+_TOLD = 3
+"""Problems spelled out in an error text."""
 
 
 def read(path: Path) -> Document:
@@ -36,8 +39,8 @@ def read(path: Path) -> Document:
     Raises
     ------
     ConfigError
-        If the file cannot be read, or names something unknown or without a usable unit; every
-        problem is told at once.
+        If the file cannot be read, or names something unknown or without a usable unit; the
+        first three problems are told.
 
     Examples
     --------
@@ -47,10 +50,11 @@ def read(path: Path) -> Document:
     >>> read(path)['a']['angular_velocity']
     {'bias_instability': [0.017453292519943295]}
     """
+    document = read_yaml(path)
     problems: list[str] = []
     known = {quantity.name: quantity for quantity in IMU_QUANTITIES}
     found: dict[str, dict[str, Any]] = {}
-    for sensor, entries in read_yaml(path).items():
+    for sensor, entries in document.items():
         where = f'{path}: {sensor}'
         sheet: dict[str, Any] = {_SOURCE: path.name}
         found[str(sensor)] = sheet
@@ -66,7 +70,8 @@ def read(path: Path) -> Document:
             else:
                 problems.append(f'{where}.{name}: not one of {", ".join((_SOURCE, *known))}')
     if problems:
-        raise ConfigError('; '.join(problems))
+        more = f' (and {len(problems) - _TOLD} more)' if len(problems) > _TOLD else ''
+        raise ConfigError(f'{"; ".join(problems[:_TOLD])}{more}; {_EXAMPLE}')
     return found
 
 

@@ -131,8 +131,8 @@ def _reserve(file: int, size: int, path: Path) -> None:
         if problem.errno not in _FULL:
             raise
         raise RecordingError(
-            f'{path.parent}: no room for another {size >> 20} MiB of columns; name a folder on '
-            'a larger disk with --cache, or set TMPDIR'
+            f'{path.parent}: no room for another {size >> 20} MiB of columns; set TMPDIR to a '
+            'folder on a larger disk, or for analyze name one with --cache'
         ) from problem
 
 

@@ -62,6 +62,21 @@ def number(value: float, digits: int = 4) -> str:
     return f'{mantissa}{_power(exponent)}'
 
 
+def bare(value: float, digits: int = 5) -> str:
+    """
+    Return a number that has no uncertainty: zeros at its end would promise one.
+
+    Examples
+    --------
+    >>> bare(150.0), bare(2.0), bare(0.58139), bare(1.2e-7), bare(123456.0)
+    ('150', '2', '0.58139', '1.2×10⁻⁷', '123460')
+    """
+    mantissa, times, power = number(value, digits).partition('×')
+    if '.' in mantissa:
+        mantissa = mantissa.rstrip('0').rstrip('.')
+    return f'{mantissa}{times}{power}'
+
+
 def power_of_ten(exponent: int) -> str:
     """
     Return a power of ten.

@@ -33,6 +33,8 @@ from imu_bench.offline.whole_files import write_text
 
 SCHEMA = 'imu_bench.analysis/1'
 
+_HOW = 'make one with imu-bench analyze RECORDING --json FILE'
+
 
 @dataclass(frozen=True, eq=False)
 class RecordingResult:
@@ -164,7 +166,9 @@ class Analysis:
         """
         schema = document.get('schema') if isinstance(document, Mapping) else None
         if schema != SCHEMA:
-            raise RecordingError(f'not a result of this program: schema {schema!r}, not {SCHEMA}')
+            raise RecordingError(
+                f'not a result of this program: schema {schema!r}, not {SCHEMA}; {_HOW}'
+            )
         try:
             return cls(
                 recordings=tuple(map(RecordingResult.from_json, document['recordings'])),
@@ -204,7 +208,8 @@ def read(path: str | os.PathLike[str]) -> Analysis:
     try:
         document = json.loads(Path(path).read_text(encoding='utf-8'))
         return Analysis.from_json(document)
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise RecordingError(f'{path}: not a JSON document: {error}') from error
+    except (json.JSONDecodeError, UnicodeDecodeError, IsADirectoryError) as error:
+        kind = 'a folder' if isinstance(error, IsADirectoryError) else 'not a JSON document'
+        raise RecordingError(f'{path}: {kind}, no result: {_HOW}') from error
     except RecordingError as error:
         raise RecordingError(f'{path}: {error}') from error

@@ -54,8 +54,10 @@ class Settings:
                     f'--tau {tau:g}: an averaging time is above 0 s and at most {_LONGEST_S:g} s'
                 )
         for name, second in (('--start', self.start_s), ('--end', self.end_s)):
-            if second is not None and not abs(second) <= _LONGEST_S:
-                raise RecordingError(f'{name} {second:g}: give seconds after the first sample')
+            if second is not None and not 0.0 <= second <= _LONGEST_S:
+                raise RecordingError(
+                    f'{name} {second:g}: give seconds after the first sample, 0 or more'
+                )
         if not 0.5 <= self.min_share <= 1.0:
             raise RecordingError(f'--min-share {self.min_share:g}: give a share from 0.5 to 1')
         start, end = self.start_s or 0.0, self.end_s

@@ -107,6 +107,8 @@ def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     except OSError as error:
         raise RecordingError(f'{path}: cannot be written: {error.strerror}') from error
     except RecordingError as error:
+        if str(draft) not in str(error):
+            raise  # about what is read, not about what is written
         # its second half says what is kept
         reason = str(error).replace(str(draft), str(path), 1).partition(';')[0]
         raise RecordingError(f'{reason}; what was written is removed') from error

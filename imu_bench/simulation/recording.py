@@ -12,14 +12,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from imu_bench import __version__
+from imu_bench.bags.columns import ColumnWriter
+from imu_bench.bags.sensor_messages import Messages
 from imu_bench.bags.writer import BagWriter
 from imu_bench.errors import RecordingError
 from imu_bench.samples import Samples
 from imu_bench.simulation.clock import START_NS
-from imu_bench.simulation.columns import ColumnWriter
 from imu_bench.simulation.scenario import Scenario
 from imu_bench.simulation.simulated import SimulatedSensor
-from imu_bench.simulation.topics import Messages, SensorMessages
+from imu_bench.simulation.topics import SensorMessages
 import numpy as np
 
 Progress = Callable[[int, int], None]
@@ -203,7 +204,10 @@ def write_columns(
     except OSError as problem:
         raise RecordingError(f'{path}: cannot be written: {problem.strerror}') from problem
     write_truth(path, sensors, scenario, duration_s, run)
-    writers = [ColumnWriter(path / sensor.name, sensor.sources) for sensor in sensors]
+    writers = [
+        ColumnWriter(path / sensor.name, [source.quantities[0] for source in sensor.sources[1:]])
+        for sensor in sensors
+    ]
     try:
         for end, _ in slices(sensors, duration_s, lambda index, runs: writers[index].write(runs)):
             if progress is not None:

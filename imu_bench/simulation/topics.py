@@ -4,8 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
+from imu_bench.bags.sensor_messages import (
+    IMU,
+    INCLINATION,
+    MAGNETIC_FIELD,
+    Messages,
+    TEMPERATURE,
+    TYPES,
+)
 from imu_bench.bags.topic_info import describe, OfferedQos, TopicInfo
 from imu_bench.metrology.trials.inclination import inclination
 from imu_bench.samples import AXES, Samples
@@ -20,25 +27,6 @@ TEMPERATURE_HZ = 10.0
 
 TRANSPORT_NS = 1_000_000
 """From the measurement to the recorder: about what the live bench has, always the same."""
-
-_IMU = 'imu/data_raw'
-_MAGNETIC_FIELD = 'imu/mag'
-_TEMPERATURE = 'temperature'
-_INCLINATION = 'inclination'
-_TYPES = {
-    _IMU: 'sensor_msgs/msg/Imu',
-    _MAGNETIC_FIELD: 'sensor_msgs/msg/MagneticField',
-    _TEMPERATURE: 'sensor_msgs/msg/Temperature',
-    _INCLINATION: 'geometry_msgs/msg/Vector3Stamped',
-}
-
-
-class Messages(NamedTuple):
-    """Messages of one topic, all of one length, in the order of their time of arrival."""
-
-    topic: str
-    receive_ns: npt.NDArray[np.int64]
-    rows: npt.NDArray[np.uint8]
 
 
 class SensorMessages:
@@ -76,12 +64,12 @@ class SensorMessages:
     @property
     def topics(self) -> list[TopicInfo]:
         """What the bag is to know of the topics."""
-        names = [_IMU] if self._quantities & {'acceleration', 'angular_velocity'} else []
-        names += [_MAGNETIC_FIELD] if 'magnetic_field' in self._quantities else []
-        names += [_TEMPERATURE] if 'temperature' in self._quantities else []
-        names += [_INCLINATION] if self._angle_step else []
+        names = [IMU] if self._quantities & {'acceleration', 'angular_velocity'} else []
+        names += [MAGNETIC_FIELD] if 'magnetic_field' in self._quantities else []
+        names += [TEMPERATURE] if 'temperature' in self._quantities else []
+        names += [INCLINATION] if self._angle_step else []
         return [
-            describe(f'{self._namespace}/{name}', _TYPES[name], [OfferedQos()]) for name in names
+            describe(f'{self._namespace}/{name}', TYPES[name], [OfferedQos()]) for name in names
         ]
 
     def encode(self, run: Samples) -> Iterator[Messages]:
@@ -90,11 +78,11 @@ class SensorMessages:
             return
         if run.acceleration is not None or run.angular_velocity is not None:
             rows = self._imu.imu_rows(run.stamps, run.acceleration, run.angular_velocity)
-            yield self._messages(_IMU, run.stamps, rows)
+            yield self._messages(IMU, run.stamps, rows)
         if run.magnetic_field is not None:
             part = (cdr.MAGNETIC_FIELD_VECTOR, run.magnetic_field)
             rows = self._magnetic_field.rows(run.stamps, part)
-            yield self._messages(_MAGNETIC_FIELD, run.stamps, rows)
+            yield self._messages(MAGNETIC_FIELD, run.stamps, rows)
         if run.temperature is not None:
             chosen = slice(self._before_temperature, None, self._every)
             stamps = run.stamps[chosen]
@@ -102,15 +90,13 @@ class SensorMessages:
             self._before_temperature += stamps.size * self._every - len(run)
             if stamps.size:
                 rows = self._temperature.rows(stamps, taken)
-                yield self._messages(_TEMPERATURE, stamps, rows)
+                yield self._messages(TEMPERATURE, stamps, rows)
 
         if run.acceleration is not None and self._angle_step:
             angles = [inclination(run.acceleration, axis) for axis in AXES]
             steps = np.rint(np.column_stack(angles) / self._angle_step)
             part = (cdr.VECTOR3_VECTOR, steps * self._angle_step)
-            yield self._messages(
-                _INCLINATION, run.stamps, self._inclination.rows(run.stamps, part)
-            )
+            yield self._messages(INCLINATION, run.stamps, self._inclination.rows(run.stamps, part))
 
     def _messages(
         self, name: str, stamps: npt.NDArray[np.int64], rows: npt.NDArray[np.uint8]

@@ -18,6 +18,8 @@ import yaml
 
 SCHEMA = 'imu_bench.analysis/1'
 
+_HOW = 'make one with imu-bench analyze RECORDING --json FILE'
+
 AC_CORNER = '1.0 Hz'
 """Assumed of a sensor that does not see gravity: an analysis does not give it."""
 
@@ -53,10 +55,12 @@ def twins(path: Path) -> dict[str, dict[str, Any]]:
     """
     try:
         document = json.loads(path.read_text(encoding='utf-8'))
+    except IsADirectoryError as error:
+        raise RecordingError(f'{path}: a folder, no result: {_HOW}') from error
     except OSError as error:
         raise RecordingError(f'{path}: cannot be read: {error.strerror}') from error
     except ValueError as error:
-        raise RecordingError(f'{path}: not a JSON document: {error}') from error
+        raise RecordingError(f'{path}: not a JSON document, no result: {_HOW}') from error
     schema = document.get('schema') if isinstance(document, Mapping) else None
     if schema != SCHEMA:
         raise RecordingError(f'{path}: not a result of an analysis: schema {schema!r}')

@@ -5,4 +5,4 @@ import warnings
 
 with warnings.catch_warnings():
     warnings.simplefilter('ignore', DeprecationWarning)
-    import rosidl_generator_py  # noqa: F401
+    import rosidl_generator_py  # noqa: F401, imported for its warning

@@ -29,6 +29,20 @@ def test_a_change_is_a_warning_that_names_the_axis(recording_of, noise):
     assert result.health.severity == 'warning'
 
 
+def test_a_sensor_that_was_shaken_for_a_while_is_not_to_be_trusted(recording_of, noise):
+    """As on a machine that runs for a part of the recording, and stays where it is."""
+    samples = noise(6)
+    acceleration = np.array(samples.acceleration)
+    shaken = slice(len(samples) // 3, None)  # most of the time: rest is the exception
+    time = np.arange(len(samples))[shaken, None]
+    acceleration[shaken] += 1.0 * np.sin(2.0 * np.pi * 0.217 * time)
+    result = analyse(recording_of(replace(samples, acceleration=acceleration)))
+    [finding] = [f for f in result.health.findings if f.code == 'unsteady_noise']
+    assert finding.severity == 'severe'
+    assert 'shook' in finding.effect
+    assert result.health.severity == 'severe'
+
+
 def test_what_follows_from_a_coarse_resolution_is_not_said_again(recording_of, noise):
     samples = louder_at_the_end(noise(6))
     step = 0.2

@@ -6,6 +6,7 @@ The rules are written down from the consumers' sources and documents:
 
 - Kalibr, kalibr_common/ConfigReader.py, class ImuParameters.
 - OpenVINS, ov_msckf/core/VioManagerOptions.h and config/rpng_sim/kalibr_imu_chain.yaml.
+- ORB-SLAM3, src/Settings.cc (readIMU, readParameter) and src/Tracking.cc.
 - VINS-Mono, vins_estimator/src/factor/integration_base.h.
 - GTSAM, navigation/PreintegrationParams.h and PreintegrationCombinedParams.h.
 - sensor_msgs/Imu.msg; REP 145; robot_localization, params/ekf.yaml and src/ekf.cpp.
@@ -22,8 +23,10 @@ from xml.etree import ElementTree
 
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.fitting.noise_model import FLICKER_FLOOR
 from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.offline.analyse import analyse
+from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.exports import FORMATS, render
 from imu_bench.offline.health.finding import Finding
 from imu_bench.offline.results import Analysis
@@ -126,6 +129,30 @@ class TestKalibr:
         with pytest.raises(RecordingError, match='no angular_velocity'):
             render(Analysis((without(result, 'angular'),)), 'kalibr')
 
+    @pytest.mark.parametrize('to', ['kalibr', 'openvins', 'orb-slam3'])
+    def test_flicker_that_has_no_key_is_told(self, result, to):
+        floor = Estimate(1e-2, 9e-3, 1.1e-2, 'm/s²')
+        text = render(Analysis((with_coefficient(result, 'linear_acceleration', 'B', floor),)), to)
+        [line] = [
+            line for line in text.splitlines() if 'flicker noise of the accelerometer' in line
+        ]
+        walk = float(line.split(' of at least ')[1].split()[0])
+        white = Kalibr(render(Analysis((result,)), 'kalibr')).data['accelerometer_noise_density']
+        # both lines meet the floor at the same averaging time
+        tau = (white / (FLICKER_FLOOR * 1e-2)) ** 2
+        assert walk * math.sqrt(tau / 3.0) == pytest.approx(FLICKER_FLOOR * 1e-2, rel=0.01)
+        assert 'flicker' not in render(Analysis((result,)), to)
+
+    def test_a_sensor_without_constant_signals_is_not_told_to_record_longer(
+        self, result, monkeypatch
+    ):
+        monkeypatch.setattr(AxisResult, 'shows_constants', False)
+        none = Estimate.not_observable('m/s³/√Hz', 'not defined: it shows no constant signal')
+        changed = with_coefficient(result, 'linear_acceleration', 'K', none)
+        with pytest.raises(RecordingError, match='shows no constant signal') as caught:
+            render(Analysis((changed,)), 'kalibr')
+        assert 'longer' not in str(caught.value)
+
     def test_no_bound_at_all_is_an_error_and_not_a_zero(self, result):
         nothing = Estimate.not_observable('m/s³/√Hz', '5 averaging times')
         changed = with_coefficient(result, 'linear_acceleration', 'K', nothing)
@@ -151,6 +178,20 @@ def test_openvins(analysis):
         assert np.array(imu[key], dtype=float).shape == (3, 3)
     assert imu['model'] in ('calibrated', 'kalibr', 'rpng')
     assert imu['time_offset'] == 0.0
+
+
+def test_orb_slam3(analysis):
+    """Settings.cc refuses what OpenCV does not take for a real number, such as 200."""
+    read = opencv(render(analysis, 'orb-slam3'))
+    kalibr = Kalibr(render(analysis, 'kalibr')).data
+    assert all(isinstance(value, float) for value in read.values())
+    assert read == {
+        'IMU.NoiseGyro': kalibr['gyroscope_noise_density'],
+        'IMU.NoiseAcc': kalibr['accelerometer_noise_density'],
+        'IMU.GyroWalk': kalibr['gyroscope_random_walk'],
+        'IMU.AccWalk': kalibr['accelerometer_random_walk'],
+        'IMU.Frequency': pytest.approx(RATE_HZ),
+    }
 
 
 def test_vins_walks_the_bias_as_measured(analysis):

@@ -8,6 +8,7 @@ import json
 
 from imu_bench.errors import RecordingError
 from imu_bench.offline.analyse import analyse
+from imu_bench.offline.comparison import labels
 from imu_bench.offline.notation import rate_text
 from imu_bench.offline.pairing import halves, joined
 from imu_bench.offline.results import RecordingResult
@@ -102,6 +103,7 @@ def files(streams):
 def test_two_files_of_one_folder_are_one_sensor(files):
     [one] = joined(measured(files))
     assert one.topic == 'Accelerometer + Gyroscope'
+    assert labels([one]) == ['Accelerometer + Gyroscope'], 'not named after one of the two'
 
 
 def test_files_of_two_folders_are_not_paired_unless_named(files):

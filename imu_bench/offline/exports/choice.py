@@ -14,6 +14,7 @@ from imu_bench.offline.results import Analysis, RecordingResult
 _WRITERS: dict[str, Callable[[Numbers], str]] = {
     'kalibr': vio.kalibr,
     'openvins': vio.openvins,
+    'orb-slam3': vio.orb_slam3,
     'vins': vio.vins,
     'gtsam': vio.gtsam,
     'robot_localization': ros.robot_localization,

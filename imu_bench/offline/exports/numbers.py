@@ -9,6 +9,7 @@ import math
 
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.fitting.noise_model import FLICKER_FLOOR
 from imu_bench.metrology.spectra.spectrum import two_sided
 from imu_bench.offline.axis_result import AxisResult
 from imu_bench.offline.gauss_markov_result import DriftModel, METHODS
@@ -128,6 +129,24 @@ class Numbers:
         """
         return self._together('K', [(a, _walk(a)) for a in self.axes(quantity)])
 
+    def flicker_walk(self, quantity: Quantity) -> float | None:
+        """
+        Return the K of a random walk that hides no flicker noise, None where none was seen.
+
+        Notes
+        -----
+        The deviation of white noise, N/√τ, meets the floor f = 0.664 B of flicker noise at
+        τ = (N/f)².  A walk K √(τ/3) that meets it there, too, has K = √3 f²/N: shorter averages
+        show white noise, longer ones the walk.  IEEE Std 952-1997 annex C for the three terms.
+        """
+        seen = [(a.model.B, _white(a).value) for a in self.axes(quantity) if a.shows_constants]
+        walks = [
+            math.sqrt(3.0) * (FLICKER_FLOOR * B.value) ** 2 / white
+            for B, white in seen
+            if B.value is not None and white
+        ]
+        return max(walks, default=None)
+
     def per_axis(self, quantity: Quantity, term: str) -> list[Number]:
         """
         Return N or K of x, y and z; an axis that was not recorded takes the largest of the others.
@@ -177,7 +196,7 @@ class Numbers:
             return Number(estimate.high, _upper(estimate))
         raise RecordingError(
             f'{self._where}: {term} of {axis.name} has neither a value nor an upper bound '
-            f'({estimate.reason}); analyse a longer recording'
+            f'({estimate.reason}); {_remedy([axis])}'
         )
 
     def _process(self, model: DriftModel, method: str) -> Bias:
@@ -200,7 +219,7 @@ class Numbers:
         if not bounds:
             raise RecordingError(
                 f'{self._where}: {term} has neither a value nor an upper bound on any axis '
-                f'({rows[0][1].reason}); analyse a longer recording'
+                f'({rows[0][1].reason}); {_remedy([axis for axis, _ in rows])}'
             )
         high, letter, estimate = max(bounds, key=lambda row: row[0])
         return Number(high, f'{_upper(estimate)}, largest of the axes: {letter}')
@@ -208,6 +227,12 @@ class Numbers:
     @property
     def _where(self) -> str:
         return f'{self.recording.source}, topic {self.recording.topic}'
+
+
+def _remedy(axes: Sequence[AxisResult]) -> str:
+    if any(axis.shows_constants for axis in axes):
+        return 'analyse a longer recording'
+    return 'no recording of this sensor will have it'
 
 
 def _white(axis: AxisResult) -> Estimate:

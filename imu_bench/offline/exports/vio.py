@@ -30,6 +30,7 @@ def kalibr(numbers: Numbers) -> str:
         'Kalibr imu.yaml',
         *_CONTINUOUS,
         'Kalibr refuses 0: what could not be observed is its upper bound',
+        *_flicker(numbers),
     )
     return commented(heading) + _densities(numbers) + _topic_and_rate(numbers)
 
@@ -46,6 +47,7 @@ def openvins(numbers: Numbers) -> str:
         'OpenVINS kalibr_imu_chain.yaml',
         *_CONTINUOUS,
         'intrinsics are those of an ideal IMU: replace them by those of a calibration',
+        *_flicker(numbers),
     )
     eye3, eye4 = np.eye(3), np.eye(4)
     parts = [
@@ -62,6 +64,32 @@ def openvins(numbers: Numbers) -> str:
         _matrix('Tg', np.zeros((3, 3))),
     ]
     return ''.join(parts)
+
+
+def orb_slam3(numbers: Numbers) -> str:
+    """
+    Return the IMU part of the settings of ORB-SLAM3, without the place of the camera.
+
+    ORB-SLAM3 (src/Tracking.cc) multiplies noise with √IMU.Frequency and divides walks by it, so
+    these are N and K; src/Settings.cc takes only what OpenCV reads as a real number.
+    """
+    heading = lines(
+        numbers,
+        'ORB-SLAM3 settings, IMU part',
+        *_CONTINUOUS,
+        'IMU.T_b_c1 comes from a calibration of camera and IMU',
+        'IMU.Frequency is a real number, as File.version "1.0" wants it; older files want a whole '
+        'one',
+        *_flicker(numbers),
+    )
+    text = ''
+    for name, quantity, unit, per_second in _QUANTITIES:
+        short = {'accelerometer': 'Acc', 'gyroscope': 'Gyro'}[name]
+        white, walk = numbers.white_noise(quantity), numbers.random_walk(quantity)
+        text += _line(f'IMU.Noise{short}', white.value, f'{unit}/sqrt(Hz), {_KIND}', white.note)
+        text += _line(f'IMU.{short}Walk', walk.value, f'{per_second}/sqrt(Hz), {_KIND}', walk.note)
+    text += f'IMU.Frequency: {numbers.rate:.4f}  # Hz, measured\n'
+    return '%YAML:1.0\n\n' + commented(heading) + text
 
 
 def vins(numbers: Numbers) -> str:
@@ -125,6 +153,19 @@ def imu_params(gravity: float = 9.80665) -> "gtsam.PreintegrationCombinedParams"
     """Return the parameters for a navigation frame with z up."""
     params = gtsam.PreintegrationCombinedParams.MakeSharedU(gravity)
 '''
+
+
+def _flicker(numbers: Numbers) -> list[str]:
+    """Return what a model of white noise and a random walk leaves out."""
+    told = []
+    for name, quantity, _, per_second in _QUANTITIES:
+        needed = numbers.flicker_walk(quantity)
+        if needed is not None and needed > numbers.random_walk(quantity).value:
+            told.append(
+                f'flicker noise of the {name} (B) has no key here: to allow for it take a '
+                f'random walk of at least {exponent(needed)} {per_second}/sqrt(Hz)'
+            )
+    return told
 
 
 def _densities(numbers: Numbers) -> str:

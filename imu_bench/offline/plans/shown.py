@@ -6,10 +6,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.offline.notation import number, value_text
+from imu_bench.offline.notation import bare, value_text
 from imu_bench.offline.plans.result import Cell, Column, Table
-
-_DIGITS = 5
 
 
 class Shown(NamedTuple):
@@ -39,9 +37,9 @@ def cells(table: Table) -> list[list[Shown]]:
     Examples
     --------
     >>> angle = Estimate(0.01, 0.009, 0.011, 'rad')
-    >>> one = Table('Angles', (Column('step'), Column('angle', '°')), ((1, angle), (2, None)))
+    >>> one = Table('Angles', (Column('step'), Column('angle', '°')), ((1, angle), (2.5, None)))
     >>> [[cell.text for cell in row] for row in cells(one)]
-    [['1', '0.573 ± 0.057'], ['2', '–']]
+    [['1', '0.573 ± 0.057'], ['2.5', '–']]
     """
     return [
         [_cell(cell, column) for cell, column in zip(row, table.columns, strict=True)]
@@ -69,4 +67,4 @@ def _cell(cell: Cell, column: Column) -> Shown:
         return Shown(f'{text}{own}', cell.reason)
     if isinstance(cell, int):
         return Shown(str(cell))
-    return Shown(number(cell, _DIGITS))
+    return Shown(bare(cell))

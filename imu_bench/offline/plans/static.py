@@ -23,7 +23,7 @@ from imu_bench.offline.health import Finding
 from imu_bench.offline.notation import number, readable_unit, short, text
 from imu_bench.offline.plans.plan import NoisePlan
 from imu_bench.offline.plans.result import Cell, Column, PlanFigure, PlanResult, Series, Table
-from imu_bench.offline.plotting import drawable
+from imu_bench.offline.plotted import drawable
 from imu_bench.offline.results import RecordingResult
 from imu_bench.registers import Typical
 from imu_bench.samples import IMU_QUANTITIES, Quantity
@@ -286,10 +286,17 @@ def _summary(quantity: Quantity, sensors: Sequence[_Sensor]) -> Iterator[str]:
         f'{_TITLES[quantity.name]}: {best[1]} {best[2].letter} has the least white noise, '
         f'{text(best[2].white_density, unit)}'
     )
-    if best is not worst:
+    if best is not worst and _apart(best[2].white_density, worst[2].white_density):
         ratio = number(worst[0] / best[0], 3)
         line += f'; {worst[1]} {worst[2].letter} the most, {ratio} times as much'
+    elif best is not worst:
+        line += '; no axis is told apart from it'
     yield f'{line}.'
+
+
+def _apart(least: Estimate, most: Estimate) -> bool:
+    """Return whether the intervals of two numbers have nothing in common."""
+    return least.high is None or most.low is None or least.high < most.low
 
 
 def _figures(quantity: Quantity, sensors: Sequence[_Sensor]) -> Iterator[PlanFigure]:

@@ -16,7 +16,7 @@ from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.comparison import labels
 from imu_bench.offline.health import Finding
-from imu_bench.offline.notation import short, text
+from imu_bench.offline.notation import duration, short, text
 from imu_bench.offline.plans.plan import Plan
 from imu_bench.offline.plans.result import PlanResult
 from imu_bench.offline.plans.vibrations import figures, measuring, tables
@@ -27,7 +27,13 @@ from imu_bench.offline.recordings import Recording
 from imu_bench.units import STANDARD_GRAVITY
 
 _MISSING = 0.01
+"""
+Share of samples: straight lines in their place turn the sign of a tone at half the rate, which
+comes out 2 % too weak.
+"""
+
 _SCALE = 0.02
+"""Error of gravity that is told: a ride of 7 m comes out wrong by 14 cm."""
 
 _HZ: tuple[Any, ...] = ((), (1e-3, 1e6), 'Hz', 'quantity')
 _S: tuple[Any, ...] = ((), (0.0, 1e9), 's', 'quantity')
@@ -134,7 +140,7 @@ def _findings(found: Found) -> Iterator[Finding]:
         if sensor.cut:
             yield Finding(
                 'warning', 'cut',
-                f'{label}: only the first {sensor.length_s:.4g} s were analysed.',
+                f'{label}: only the first {duration(sensor.length_s)} were analysed.',
                 'What comes later is not in the result.',
                 'Choose the part with --set begin= and --set end=.',
             )  # fmt: skip
@@ -169,17 +175,17 @@ def _findings(found: Found) -> Iterator[Finding]:
 
 
 def _folded(found: Found, label: str, sensor: SensorVibration) -> Iterator[Finding]:
-    there = sorted(
-        {
-            f'{true:.3g} Hz at {tone.frequency.value or 0.0:.2g} Hz'
-            for tone, _, true in origins(sensor, found.reference_tones, found.tolerance_hz)
-        }
-    )
+    # the axes of a sensor show the same tone a little apart
+    there = {
+        f'{true:.3g} Hz': f'{tone.frequency.value or 0.0:.2g} Hz'
+        for tone, _, true in origins(sensor, found.reference_tones, found.tolerance_hz)
+    }
     if there:
+        named = sorted(there.items(), key=lambda item: float(item[0].split()[0]))
         yield Finding(
             'warning', 'folded',
             f'{label} shows tones folded at its rate of {sensor.rate_hz:.4g} Hz: '
-            f'{", ".join(there)}.',
+            f'{", ".join(f"{true} at {seen}" for true, seen in named)}.',
             'They look like vibration that is not there.', 'Sample faster, or filter lower.',
         )  # fmt: skip
 

@@ -21,6 +21,7 @@ def samples(
     topics: Collection[Topic],
     inside: Collection[Nested],
     problems: list[str],
+    full: bool = False,
 ) -> Iterator[tuple[str, Chunk]]:
     """
     Yield topic names and samples of raw blocks.
@@ -36,6 +37,8 @@ def samples(
     inside : collection of Nested
         Those of them that are a part of other messages.
     problems : list of str
+    full : bool
+        Orientations and covariances, too.
     """
     read: Counter[str] = Counter()
     undecodable: Counter[str] = Counter()
@@ -48,9 +51,9 @@ def samples(
             report(problems, Problem(words, INCOMPLETE, channel.topic))
         if not len(block):
             continue
-        parts = [(found.topic, decode(block, found.path)) for found in mine]
+        parts = [(found.topic, decode(block, found.path, full=full)) for found in mine]
         if channel.type in IMU_TYPES and channel.topic in wanted:
-            parts.append((channel.topic, decode(block)))
+            parts.append((channel.topic, decode(block, full=full)))
         for name, found in parts:
             read[name] += len(block)
             undecodable[name] += found.undecodable

@@ -21,7 +21,7 @@ READABLE = ('cdr', 'ros1')
 """Serialization formats of ROS 2 and ROS 1; the second is found in mcap files too."""
 
 
-def open_ros1(path: Path) -> Source:
+def open_ros1(path: Path, *, full: bool = False) -> Source:
     """
     Open a bag of ROS 1.
 
@@ -30,10 +30,10 @@ def open_ros1(path: Path) -> Source:
     RecordingError
         If it is of a version before 2.0.
     """
-    return _source(path, 'rosbag1', Ros1File(path), {})
+    return _source(path, 'rosbag1', Ros1File(path), {}, full)
 
 
-def open_ros2(path: Path) -> Source:
+def open_ros2(path: Path, *, full: bool = False) -> Source:
     """
     Open a bag of ROS 2, a folder or a single storage file.
 
@@ -50,10 +50,12 @@ def open_ros2(path: Path) -> Source:
             f'only {" and ".join(READABLE)} can be read'
         )
     announced = {} if bag.announcement is None else bag.announcement.counts
-    return _source(path, bag.format, bag, announced)
+    return _source(path, bag.format, bag, announced, full)
 
 
-def _source(path: Path, kind: str, bag: Bag | Storage, announced: Mapping[str, int]) -> Source:
+def _source(
+    path: Path, kind: str, bag: Bag | Storage, announced: Mapping[str, int], full: bool
+) -> Source:
     topics: dict[str, Topic] = {}
     inside: dict[str, Nested] = {}
     for channel in bag.channels:
@@ -72,7 +74,7 @@ def _source(path: Path, kind: str, bag: Bag | Storage, announced: Mapping[str, i
         path=path,
         format=kind,
         topics=tuple(topics.values()),
-        reader=_Reader(bag, inside),
+        reader=_Reader(bag, inside, full),
         announced=announced,
         problems=list(bag.problems),
     )
@@ -86,9 +88,10 @@ def _may_hold_imu(channel: Channel) -> bool:
 class _Reader:
     stamps_from = 'header'
 
-    def __init__(self, bag: Bag | Storage, inside: Mapping[str, Nested]) -> None:
+    def __init__(self, bag: Bag | Storage, inside: Mapping[str, Nested], full: bool) -> None:
         self._bag = bag
         self._inside = inside
+        self._full = full
 
     def chunks(
         self, topics: Collection[Topic], problems: list[str]
@@ -96,7 +99,7 @@ class _Reader:
         before = self._bag.problems
         inside = [self._inside[topic.name] for topic in topics if topic.name in self._inside]
         names = {topic.name for topic in topics} | {found.channel.topic for found in inside}
-        yield from samples(self._bag.blocks(names), topics, inside, problems)
+        yield from samples(self._bag.blocks(names), topics, inside, problems, self._full)
         now = self._bag.problems
         # counts of damaged places may have grown
         problems[:] = [line for line in problems if line not in before or line in now]

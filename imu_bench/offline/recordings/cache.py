@@ -31,12 +31,12 @@ LARGE = 8 << 20
 _MANY = 1 << 20
 """Samples from which they do so as well: what hardly changes takes few bytes, compressed."""
 
-SCHEMA = 'imu_bench.columns/2'
+SCHEMA = 'imu_bench.columns/3'
 _INDEX = 'columns.json'
-_FIELDS = ('acceleration', 'angular_velocity', 'magnetic_field', 'temperature')
+_FIELDS = ('acceleration', 'angular_velocity', 'magnetic_field', 'temperature', 'orientation')
 _PLAIN = (
     'source', 'topic', 'frame_id', 'announced', 'stored', 'left_out', 'stamp_source',
-    'stamp_reason',
+    'stamp_reason', 'covariances',
 )  # fmt: skip
 _EDGE = 1 << 16
 

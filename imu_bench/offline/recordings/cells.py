@@ -115,8 +115,8 @@ def nanoseconds(cells: npt.NDArray[np.bytes_], digits: int) -> npt.NDArray[np.in
 
     Examples
     --------
-    >>> nanoseconds(np.array([b'1700000000.123456789', b'0.5']), 9).tolist()
-    [1700000000123456789, 500000000]
+    >>> nanoseconds(np.array([b'1700000000.123456789', b'0.5', b'-2.000000001']), 9).tolist()
+    [1700000000123456789, 500000000, -2000000001]
     """
     try:
         rough = cells.astype(np.float64) * 10.0**digits
@@ -127,9 +127,9 @@ def nanoseconds(cells: npt.NDArray[np.bytes_], digits: int) -> npt.NDArray[np.in
     characters = np.frombuffer(cells.tobytes(), np.uint8).reshape(-1, cells.dtype.itemsize)
     digit = (characters >= ord('0')) & (characters <= ord('9'))
     dot = characters == ord('.')
-    if not (digit | dot | (characters == 0)).all():
-        rounded: npt.NDArray[np.int64] = np.rint(rough).astype(np.int64)
-        return rounded
+    minus = np.zeros_like(digit)
+    minus[:, 0] = characters[:, 0] == ord('-')
+    plain = (digit | dot | minus | (characters == 0)).all(axis=1)
     total = np.zeros(cells.size, np.int64)
     carry = np.zeros(cells.size, bool)
     after = np.full(cells.size, -1)
@@ -140,8 +140,10 @@ def nanoseconds(cells: npt.NDArray[np.bytes_], digits: int) -> npt.NDArray[np.in
         total = np.where(used, total * 10 + value, total)
         carry |= digit[:, column] & (after == digits + 1) & (value >= 5)
         after[dot[:, column]] = 0
-    exact: npt.NDArray[np.int64] = total * 10 ** (digits - np.clip(after, 0, digits)) + carry
-    return exact
+    exact = total * 10 ** (digits - np.clip(after, 0, digits)) + carry
+    exact = np.where(minus[:, 0], -exact, exact)
+    # an exponent, say
+    return np.asarray(np.where(plain, exact, np.rint(rough).astype(np.int64)), np.int64)
 
 
 def _regular(lines: bytes, layout: Layout) -> bool:

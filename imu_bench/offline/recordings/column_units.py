@@ -123,7 +123,11 @@ def scale(quantity: str, text: str) -> Scale:
         spelled = units.canonical(_respelled(unit))
         factor = units.convert(1.0, spelled, SI[quantity])
     except UnitError as problem:
-        raise RecordingError(f'--units: {quantity}={text}: {problem}') from problem
+        known = ', '.join(units.units_like(SI[quantity]))
+        what = str(problem).partition('; known are')[0]  # those of every quantity
+        raise RecordingError(
+            f'--units: {quantity}={text}: {what}; use one of {known}'
+        ) from problem
     if match is None:
         return Scale(spelled, factor)
     return Scale(spelled, factor * number if match['sign'] == '*' else factor / number)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import re
@@ -118,6 +119,7 @@ def assign(path: Path, layout: Layout, options: ReadOptions) -> tuple[list[Colum
         if not layout.numeric[column.index]:
             raise RecordingError(f'{path}: column {column.label!r} does not hold numbers')
     columns, notes, lacking = _scaled(found, options)
+    notes += _beyond(found, layout, options)
     problems = []
     if lacking:
         problems.append(
@@ -221,6 +223,27 @@ def _by_position(path: Path, layout: Layout, parts: list[str]) -> list[_Found]:
             label = layout.header[index] if layout.header else f'column {index + 1}'
             found.append(_Found(index, label, *_named_target(part)))
     return found
+
+
+def _beyond(found: Sequence[_Found], layout: Layout, options: ReadOptions) -> list[str]:
+    """Return a note if an axis has no name while the file has columns left: one was forgotten."""
+    parts = (options.columns or '').split(',')
+    if options.columns is None or len(parts) >= layout.width or any('=' in p for p in parts):
+        return []
+    named = {column.target for column in found}
+    lacking = [
+        f'{vector}.{axis}'
+        for vector in INERTIAL
+        for axis in 'xyz'
+        if f'{vector}.{axis}' not in named and any(name.startswith(vector) for name in named)
+    ]
+    if not lacking:
+        return []
+    note = (
+        f'--columns names {len(parts)} of {layout.width} columns and no {", ".join(lacking)}: '
+        'what is in the others is not used (a - at their place says that this is meant)'
+    )
+    return [note]
 
 
 def _pair(path: Path, layout: Layout, part: str) -> _Found:

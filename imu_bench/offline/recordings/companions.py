@@ -59,22 +59,22 @@ def beside(recording: Recording, name: str) -> Beside | None:
     bag = Bag(path)
     try:
         offered = [c.topic for c in bag.channels if c.type == message and c.serialization == 'cdr']
-        topic = _belonging(recording.topic, offered, name)
+        topic = belonging(recording.topic, offered, name)
         return None if topic is None else _read(bag, topic, count, part, recording.stamp_source)
     finally:
         bag.close()
 
 
-def _belonging(imu: str, offered: Sequence[str], name: str) -> str | None:
+def belonging(imu: str, offered: Sequence[str], name: str) -> str | None:
     """
-    Return the topic that belongs to an Imu topic.
+    Return the topic, among those of one type, that belongs to an Imu topic.
 
     Examples
     --------
     >>> offered = ['/bench/a/temperature', '/bench/b/temperature']
-    >>> _belonging('/bench/b/imu/data_raw', offered, 'temperature')
+    >>> belonging('/bench/b/imu/data_raw', offered, 'temperature')
     '/bench/b/temperature'
-    >>> _belonging('/imu', offered, 'temperature') is None
+    >>> belonging('/imu', offered, 'temperature') is None
     True
     """
     parts = imu.strip('/').split('/')
@@ -88,7 +88,7 @@ def _belonging(imu: str, offered: Sequence[str], name: str) -> str | None:
     named = [topic for topic in mine if topic.rpartition('/')[2] == name]
     if named:
         return named[0]
-    return mine[0] if len(mine) == 1 and name == 'temperature' else None
+    return mine[0] if len(mine) == 1 and name != 'inclination' else None
 
 
 def _read(bag: Bag, topic: str, count: int, part: slice, stamp_source: str) -> Beside | None:

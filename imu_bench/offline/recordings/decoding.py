@@ -1,19 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Raw Imu messages to arrays: whole blocks at once, one by one where a block is irregular."""
+"""Raw messages to arrays: whole blocks at once, one by one where a block is irregular."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, TypeVar
 
 from imu_bench.bags.block import Block
-from imu_bench.offline.recordings.source import Chunk
+from imu_bench.offline.recordings.source import Chunk, Covariance
 from msg_conversions import cdr, covariance
 import numpy as np
 import numpy.typing as npt
 
 _ROS1_TEXT = 16
 """Bytes of seq, sec, nanosec and the length of frame_id: wiki.ros.org/msg, std_msgs/Header."""
+
+Integers = npt.NDArray[np.int64]
+Found = TypeVar('Found')
+DecodeAt = Callable[[bytes | memoryview, Integers, Integers], Found]
+"""Takes a buffer, offsets and sizes; raises ValueError if a message is not of the kind."""
 
 
 class Decoded(NamedTuple):
@@ -24,13 +30,18 @@ class Decoded(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def decode(block: Block, path: str = '') -> Decoded:
+def decode(block: Block, path: str = '', *, full: bool = False) -> Decoded:
     """
     Return the samples of a block of Imu messages, or of messages with an Imu at some path.
 
-    Messages that cannot be decoded are counted and left out.
+    Messages that cannot be decoded are counted and left out.  With `full`, orientation and
+    covariances are there, too.
     """
-    decoded, receive_ns = _inside(block, path) if path else _whole(block)
+    if path:
+        decoded, receive_ns = _inside(block, path, full)
+    else:
+        imu_at = _ros1_imu if block.channel.serialization == 'ros1' else cdr.decode_imu_at
+        decoded, receive_ns = _whole(block, partial(imu_at, full=full))
     remarks: list[str] = []
     chunk = Chunk(
         stamps=decoded.stamps,
@@ -44,20 +55,50 @@ def decode(block: Block, path: str = '') -> Decoded:
             decoded.angular_velocity_covariance,
             remarks,
         ),
+        orientation=decoded.orientation,
         frame_ids=decoded.frame_ids,
+        covariances=() if decoded.covariances is None else constant(decoded.covariances, 9),
     )
     return Decoded(chunk, len(block) - len(chunk), tuple(remarks))
 
 
-def _inside(block: Block, path: str) -> tuple[cdr.ImuBlock, npt.NDArray[np.int64]]:
+def decode_numbers(block: Block, count: int) -> tuple[cdr.Stamped, Integers]:
+    """
+    Return messages that are a header and so many numbers, and when they arrived.
+
+    Messages that cannot be decoded are left out.
+    """
+    if block.channel.serialization == 'ros1':
+        return _whole(block, partial(_ros1_numbers, count=count))
+    return _whole(block, partial(_cdr_numbers, count=count))
+
+
+def constant(rows: npt.NDArray[np.float64], width: int) -> tuple[Covariance, ...]:
+    """
+    Return so many columns of a table after the other, each as a row, None if rows differ.
+
+    Examples
+    --------
+    >>> constant(np.array([[1.0, 2.0], [1.0, 3.0]]), 1)
+    ((1.0,), None)
+    """
+    bits = np.ascontiguousarray(rows).view(np.int64)  # NaN equals itself
+    return tuple(
+        tuple(rows[0, start : start + width].tolist())
+        if len(rows) and (bits[:, start : start + width] == bits[0, start : start + width]).all()
+        else None
+        for start in range(0, rows.shape[1], width)
+    )
+
+
+def _inside(block: Block, path: str, full: bool) -> tuple[cdr.ImuBlock, Integers]:
     from imu_bench.offline.recordings import nested  # brings a type system along
 
-    decoded, kept = nested.decode(block, path)
+    decoded, kept = nested.decode(block, path, full=full)
     return decoded, block.receive_ns[kept]
 
 
-def _whole(block: Block) -> tuple[cdr.ImuBlock, npt.NDArray[np.int64]]:
-    decode_at = _DECODERS[block.channel.serialization]
+def _whole(block: Block, decode_at: DecodeAt[Found]) -> tuple[Found, Integers]:
     offsets, sizes, receive_ns = block.offsets, block.sizes, block.receive_ns
     try:
         decoded = decode_at(block.buffer, offsets, sizes)
@@ -68,8 +109,8 @@ def _whole(block: Block) -> tuple[cdr.ImuBlock, npt.NDArray[np.int64]]:
     return decoded, receive_ns
 
 
-def _decodable(block: Block, decode_at: Callable[..., cdr.ImuBlock]) -> npt.NDArray[np.int64]:
-    """Return the indexes of the messages that are complete Imu messages."""
+def _decodable(block: Block, decode_at: DecodeAt[Found]) -> Integers:
+    """Return the indexes of the messages that are complete."""
     kept = []
     for index in range(len(block)):
         one = slice(index, index + 1)
@@ -99,25 +140,39 @@ def _reported(
     return values
 
 
-def _ros1(
-    buffer: bytes | memoryview, offsets: npt.NDArray[np.int64], sizes: npt.NDArray[np.int64]
+def _cdr_numbers(
+    buffer: bytes | memoryview, offsets: Integers, sizes: Integers, count: int
+) -> cdr.Stamped:
+    found = cdr.decode_at(buffer, offsets, sizes, count, (slice(0, count),))
+    return cdr.Stamped(found.stamps, found.columns[0], found.frame_ids)
+
+
+def _ros1_imu(
+    buffer: bytes | memoryview, offsets: Integers, sizes: Integers, *, full: bool = False
 ) -> cdr.ImuBlock:
+    found = _ros1_numbers(buffer, offsets, sizes, cdr.IMU)
+    return cdr.imu_block(found.stamps, found.values, found.frame_ids, full=full)
+
+
+def _ros1_numbers(
+    buffer: bytes | memoryview, offsets: Integers, sizes: Integers, count: int
+) -> cdr.Stamped:
     """
-    Decode Imu messages as ROS 1 serializes them: little-endian, without padding.
+    Decode messages as ROS 1 serializes them: little-endian, without padding.
 
     Raises
     ------
     ValueError
-        If a message is not a complete Imu.
+        If a message is not a header and so many numbers.
     """
     data = np.frombuffer(buffer, np.uint8)
     stamps = np.empty(sizes.size, np.int64)
-    values = np.empty((sizes.size, cdr.IMU))
+    values = np.empty((sizes.size, count))
     frame_ids: set[str] = set()
     for size in np.unique(sizes).tolist():
-        text = size - _ROS1_TEXT - 8 * cdr.IMU
+        text = size - _ROS1_TEXT - 8 * count
         if text < 0:
-            raise ValueError(f'{size} bytes cannot hold an Imu of ROS 1')
+            raise ValueError(f'{size} bytes cannot hold {count} numbers of ROS 1')
         layout = np.dtype(
             [
                 ('seq', '<u4'),
@@ -125,28 +180,16 @@ def _ros1(
                 ('nanosec', '<u4'),
                 ('text', '<u4'),
                 ('frame_id', np.uint8, (text,)),
-                ('values', '<f8', (cdr.IMU,)),
+                ('values', '<f8', (count,)),
             ]
         )
         mine = np.flatnonzero(sizes == size)
         every = np.ndarray((data.size - size + 1,), f'V{size}', data.data, 0, (1,))
         table = every[offsets[mine]].view(layout)
         if (table['text'] != text).any():
-            raise ValueError(f'{size} bytes with a frame_id of another length are no Imu of ROS 1')
+            raise ValueError(f'{size} bytes with a frame_id of another length are not of ROS 1')
         stamps[mine] = table['sec'].astype(np.int64) * 1_000_000_000 + table['nanosec']
         values[mine] = table['values']
         names = np.unique(table['frame_id'], axis=0)
         frame_ids.update(name.tobytes().decode('utf-8', 'replace') for name in names)
-    return cdr.ImuBlock(
-        stamps=stamps,
-        # copies, so that the other numbers of the messages do not stay in memory with these
-        acceleration=values[:, cdr.IMU_LINEAR_ACCELERATION].copy(),
-        angular_velocity=values[:, cdr.IMU_ANGULAR_VELOCITY].copy(),
-        acceleration_covariance=values[:, cdr.IMU_LINEAR_ACCELERATION_COVARIANCE.start].copy(),
-        angular_velocity_covariance=values[:, cdr.IMU_ANGULAR_VELOCITY_COVARIANCE.start].copy(),
-        frame_ids=tuple(sorted(frame_ids)),
-    )
-
-
-_DECODERS: dict[str, Callable[..., cdr.ImuBlock]] = {'cdr': cdr.decode_imu_at, 'ros1': _ros1}
-"""By serialization format."""
+    return cdr.Stamped(stamps, values, tuple(sorted(frame_ids)))

@@ -18,6 +18,8 @@ _ROS1_SUFFIXES = ('.bag', '.bag.active')
 _TEXT_SUFFIXES = ('.csv', '.tsv', '.txt', '.log', '.dat')
 _ARRAY_SUFFIXES = ('.npy', '.npz', '.mat')
 _LEAST_COLUMNS = 3
+_NATIVE = 'stamp_s'
+"""Who writes this writes recordings, if only of one axis."""
 
 
 def find_recordings(path: str | Path) -> tuple[Path, ...]:
@@ -25,7 +27,7 @@ def find_recordings(path: str | Path) -> tuple[Path, ...]:
     Return the recordings at a path, sorted by name.
 
     A file, or a folder that is a bag, is one recording; any other folder is searched
-    for bags and for tables of numbers with at least three columns.
+    for bags and for tables of numbers with at least three columns, or with ``stamp_s``.
 
     Raises
     ------
@@ -82,4 +84,4 @@ def _is_loose_recording(file: Path) -> bool:
         return False
     with file.open('rb') as opened:
         layout = detect_in(opened.read(SAMPLE))
-    return layout is not None and layout.width >= _LEAST_COLUMNS
+    return layout is not None and (layout.width >= _LEAST_COLUMNS or _NATIVE in layout.header)

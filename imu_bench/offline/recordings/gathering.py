@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-from imu_bench.offline.recordings.source import Chunk
+from imu_bench.offline.recordings.source import Chunk, Covariance
 import numpy as np
 import numpy.typing as npt
 
@@ -18,6 +18,8 @@ QUANTITIES = {
     'angular_velocity': 3,
     'magnetic_field': 3,
     'temperature': 1,
+    'inclination': 3,
+    'orientation': 4,
 }
 """Number of columns of each quantity."""
 
@@ -25,6 +27,21 @@ PIECE = 1 << 20
 """Samples looked at together where a whole column would be too many."""
 
 _GROWTH = 2
+
+
+def agreed(first: Sequence[Covariance], second: Sequence[Covariance]) -> tuple[Covariance, ...]:
+    """
+    Return what two runs of messages have in common.
+
+    Examples
+    --------
+    >>> agreed([(1.0,), (2.0,)], [(1.0,), (3.0,)])
+    ((1.0,), None)
+    """
+    return tuple(
+        one if one is not None and repr(one) == repr(other) else None  # NaN equals itself, too
+        for one, other in zip(first, second, strict=True)
+    )
 
 
 class Allocate(Protocol):
@@ -52,6 +69,8 @@ class Gathered:
         Samples so far.
     frame_ids : tuple of str
         Each that occurs.
+    covariances : tuple of Covariance
+        What the chunks agree on.
 
     Examples
     --------
@@ -70,6 +89,7 @@ class Gathered:
         self._columns: dict[str, Floats] = {}
         self._without_receive = False
         self._frame_ids: dict[str, None] = {}
+        self.covariances: tuple[Covariance, ...] = ()
 
     def add(self, chunk: Chunk) -> None:
         """Append a chunk; quantities that it does not have become NaN."""
@@ -88,6 +108,9 @@ class Gathered:
             elif name in self._columns:
                 self._columns[name][:, start:end] = np.nan
         self._frame_ids.update(dict.fromkeys(chunk.frame_ids))
+        self.covariances = (
+            agreed(self.covariances, chunk.covariances) if start else chunk.covariances
+        )
         self.size = end
 
     @property

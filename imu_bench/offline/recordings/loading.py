@@ -12,7 +12,7 @@ from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings.finite import sift
 from imu_bench.offline.recordings.gathering import Allocate, Gathered, QUANTITIES
 from imu_bench.offline.recordings.options import ReadOptions
-from imu_bench.offline.recordings.source import Chunk, Source, Topic
+from imu_bench.offline.recordings.source import Chunk, Covariance, Source, Topic
 from imu_bench.offline.recordings.stamps import check_span, choose
 from imu_bench.samples import Samples
 import numpy as np
@@ -55,6 +55,8 @@ class Recording:
         Where the stamps come from: 'header', 'receive', 'column' or 'rate'.
     stamp_reason : str
         Why these.
+    covariances : sequence of Covariance
+        Of orientation, angular velocity and acceleration, if `ReadOptions.full` asks for them.
     """
 
     source: str
@@ -68,6 +70,7 @@ class Recording:
     notes: tuple[str, ...]
     stamp_source: str
     stamp_reason: str
+    covariances: Sequence[Covariance] = ()
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -194,6 +197,7 @@ def _recording(source: Source, topic: Topic, gathered: Gathered) -> Recording:
         notes=tuple(notes),
         stamp_source=chosen,
         stamp_reason=reason,
+        covariances=gathered.covariances,
     )
 
 

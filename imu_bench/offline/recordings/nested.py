@@ -61,7 +61,9 @@ def find(channel: Channel) -> tuple[Nested, ...]:
     return tuple(Nested(f'{channel.topic}.{path}', channel, path) for path in paths)
 
 
-def decode(block: Block, path: str) -> tuple[ImuBlock, npt.NDArray[np.int64]]:
+def decode(
+    block: Block, path: str, *, full: bool = False
+) -> tuple[ImuBlock, npt.NDArray[np.int64]]:
     """Return the Imu at a path of the messages of a block, and which messages have one."""
     channel = block.channel
     store, name = _store(channel), _full_name(channel.type)
@@ -78,7 +80,7 @@ def decode(block: Block, path: str) -> tuple[ImuBlock, npt.NDArray[np.int64]]:
             continue
         found.append(message)
         kept.append(index)
-    return reading.imu(found), np.array(kept, np.int64)
+    return reading.imu(found, full=full), np.array(kept, np.int64)
 
 
 def _paths(store: Any, name: str, prefix: str = '', depth: int = 0) -> Iterator[str]:

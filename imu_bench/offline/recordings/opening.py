@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 
 from imu_bench.bags import bag, ros1
 from imu_bench.errors import RecordingError
@@ -13,6 +14,10 @@ from imu_bench.offline.recordings.options import ReadOptions
 from imu_bench.offline.recordings.source import Source
 
 _LISTED = 8
+
+_OWN = re.compile(rb'\s*\{\s*"schema": "imu_bench\.')
+_OWN_SIZE = 64
+"""Bytes in which a file of our own says what it is."""
 
 
 def open_source(path: str | Path, options: ReadOptions | None = None) -> Source:
@@ -53,19 +58,24 @@ def _open(path: Path, options: ReadOptions) -> Source:
     if path.is_dir() or bag.kind(path):
         from imu_bench.offline.recordings import bags
 
-        return _without(options, bags.open_ros2(path))
+        return _without(options, bags.open_ros2(path, full=options.full))
     with path.open('rb') as file:
-        start = file.read(max(len(ros1.ANY_VERSION), MAGIC_SIZE))
+        start = file.read(max(len(ros1.ANY_VERSION), MAGIC_SIZE, _OWN_SIZE))
     if not start:
         raise RecordingError(f'{path}: the file is empty')
     if start.startswith(ros1.ANY_VERSION):
         from imu_bench.offline.recordings import bags
 
-        return _without(options, bags.open_ros1(path))
+        return _without(options, bags.open_ros1(path, full=options.full))
     if kind(path, start):
         from imu_bench.offline.recordings import arrays
 
         return arrays.open_arrays(path, options)
+    if _OWN.match(start):
+        raise RecordingError(
+            f'{path}: this is a result of imu-bench analyze, no recording; imu-bench export and '
+            'imu-bench compare read results'
+        )
     from imu_bench.offline.recordings import text
 
     return text.open_text(path, options)

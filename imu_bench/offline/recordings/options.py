@@ -33,6 +33,8 @@ class ReadOptions:
         ``linear_acceleration=g/16384,angular_velocity=deg/s/131``.
     join : tuple of str
         Text files, by their resolved paths, that are read with the one they continue.
+    full : bool
+        Orientations and covariances of Imu messages, too, which no analysis needs.
 
     Raises
     ------
@@ -50,6 +52,7 @@ class ReadOptions:
     columns: str | None = None
     units: str | None = None
     join: tuple[str, ...] = ()
+    full: bool = False
 
     def __post_init__(self) -> None:
         rate = self.rate_hz

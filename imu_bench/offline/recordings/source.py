@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+import difflib
 from pathlib import Path
 from typing import Protocol
 
@@ -14,6 +15,9 @@ import numpy.typing as npt
 
 IMU_TYPES = ('sensor_msgs/msg/Imu', 'sensor_msgs/Imu')
 """The type's name in ROS 2, and in ROS 1 and the first ROS 2 releases."""
+
+Covariance = tuple[float, ...] | None
+"""Its elements if all messages have the same ones, None if they change."""
 
 _LISTED = 50
 """Topics spelled out in an error text."""
@@ -57,10 +61,14 @@ class Chunk:
         Stamps of the measurement in ns: message headers or the time column.
     receive_ns : ndarray of int64, shape (n,), or None
         Time of arrival at the recorder in ns.
-    acceleration, angular_velocity, magnetic_field : ndarray, shape (n, 3), or None
+    acceleration, angular_velocity, magnetic_field, inclination : ndarray, (n, 3), or None
     temperature : ndarray, shape (n,), or None
+    orientation : ndarray, shape (n, 4), or None
+        Of a bag, if `ReadOptions.full` asks for it.
     frame_ids : tuple of str
         Each that occurs.
+    covariances : tuple of Covariance
+        Of a bag, in the order of the message, if asked for.
     """
 
     stamps: npt.NDArray[np.int64]
@@ -69,7 +77,10 @@ class Chunk:
     angular_velocity: npt.NDArray[np.float64] | None = None
     magnetic_field: npt.NDArray[np.float64] | None = None
     temperature: npt.NDArray[np.float64] | None = None
+    inclination: npt.NDArray[np.float64] | None = None
+    orientation: npt.NDArray[np.float64] | None = None
     frame_ids: tuple[str, ...] = ()
+    covariances: tuple[Covariance, ...] = ()
 
     def __len__(self) -> int:
         return int(self.stamps.size)
@@ -163,7 +174,16 @@ class Source:
                 raise RecordingError(
                     f'{self.path}: topic {name!r} holds {topic.type}, not Imu; {self._listing()}'
                 )
-        raise RecordingError(f'{self.path}: no topic {name!r}; {self._listing()}')
+        raise RecordingError(
+            f'{self.path}: no topic {name!r}{self._meant(name)}; {self._listing()}'
+        )
+
+    def _meant(self, name: str) -> str:
+        """Return the Imu topic that is probably meant: it holds the name, or looks like it."""
+        known = [topic.name for topic in self.topics if topic.is_imu]
+        holding = [topic for topic in known if name in topic]
+        close = holding if len(holding) == 1 else difflib.get_close_matches(name, known, n=1)
+        return f' (did you mean {close[0]!r}?)' if close else ''
 
     def _listing(self) -> str:
         more = len(self.topics) - _LISTED

@@ -57,6 +57,15 @@ def test_variances_share_one_notation(tilted):
     assert errors.rows[1][at] == pytest.approx(1e9 * found * np.degrees(1.0) ** 2)
 
 
+def test_the_line_of_what_was_set_changes_while_the_table_moves(tilted):
+    figure = next(
+        f for f in run([tilted()], {'angles': '0,1,2,1,0'}).figures if 'Set and' in f.title
+    )
+    [line] = [series for series in figure.series if series.label == 'set']
+    assert line.x[1:-1] == pytest.approx([21.5, 44.5, 67.5, 90.5], abs=1.0)
+    assert line.y == pytest.approx([0.0, 1.0, 2.0, 1.0, 0.0, 0.0])
+
+
 def test_given_times_need_no_detection(tilted):
     result = run([tilted()], {'times': '2-18,25-41', 'axis': 'x', 'angles': '0 °,60 arcsec'})
     [sensor] = result.values.values()

@@ -188,7 +188,7 @@ class TestResult:
     def test_settings_stand_in_units_that_people_use(self):
         turn = {'value': 2.0 * np.pi, 'unit': 'rad'}
         page = render(replace(self.result, settings={'turn': turn, 'axis': 'x', 'none': None}))
-        assert '<dt>turn</dt><dd>360.000 °</dd>' in page
+        assert '<dt>turn</dt><dd>360 °</dd>' in page
         assert '<dt>axis</dt><dd>x</dd>' in page
         assert '<dt>none</dt>' not in page
 

@@ -117,7 +117,7 @@ def test_turns_about_one_axis_give_the_scale_of_that_axis(turned):
 
 
 def test_too_little_is_one_clear_line(turned, noise, recording_of):
-    with pytest.raises(RecordingError, match='1 still positions found: lay the sensor still'):
+    with pytest.raises(RecordingError, match='1 still position found: lay the sensor still'):
         run([recording_of(noise(n=3000))])
     with pytest.raises(RecordingError, match=r'positions on \+x, \+y only'):
         run([turned(FACES[:2])])

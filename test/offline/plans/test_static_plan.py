@@ -112,3 +112,11 @@ def test_a_density_from_the_spectrum_is_said(measured):
     note = table(Static().conclude([result, second]), '5.2').note
     assert 'of mpu9250 z the plateau of the spectrum' in note
     assert 'plateau' not in table(Static().conclude(measured), '5.2').note
+
+
+def test_axes_of_one_sensor_that_are_alike_are_said_to_be(measured):
+    """A ratio of 1.00 between two axes of a sensor says nothing."""
+    for line in Static().conclude(measured[:1]).summary:
+        assert 'no axis is told apart from it' in line
+        assert 'times as much' not in line
+    assert 'lsm9ds1' in Static().conclude(measured).summary[0]

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 import json
+import re
 
 from imu_bench import bench
 from imu_bench.config.location import named_file
@@ -134,6 +135,9 @@ def test_a_slow_sensor_folds_tones_and_it_is_said(engine):
     assert [row['order'] for row in rows if not row['remark']] == [2.0, 1.0]
     [finding] = [f for f in engine.findings if f.code == 'folded']
     assert finding.text.startswith('bno055 shows tones folded')
+    named = re.findall(r'(\d+(?:\.\d+)?) Hz at ', finding.text)
+    assert len(named) == len(set(named)), 'axes show the same tone a little apart'
+    assert [float(hz) for hz in named] == sorted(map(float, named))
 
 
 def test_sensors_against_the_reference(engine):

@@ -239,8 +239,8 @@ class TestWrongTopic:
         with open_source(path) as source, pytest.raises(RecordingError) as caught:
             load(source, '/imu')
         assert str(caught.value) == (
-            f"{path}: no topic '/imu'; it holds /imu/data_raw (sensor_msgs/msg/Imu, 500), "
-            '/text (std_msgs/msg/String, 1)'
+            f"{path}: no topic '/imu' (did you mean '/imu/data_raw'?); it holds "
+            '/imu/data_raw (sensor_msgs/msg/Imu, 500), /text (std_msgs/msg/String, 1)'
         )
 
     def test_a_topic_of_another_type_is_refused(self, imu_bag, signals):

@@ -12,6 +12,7 @@ from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.trials import six_position, turns
 from imu_bench.metrology.trials.six_position import Calibration, Held
 from imu_bench.metrology.trials.still import find_positions, Position
+from imu_bench.offline.notation import count
 from imu_bench.offline.plans.common import Floats, place, rate_of
 from imu_bench.offline.recordings import Recording
 import numpy as np
@@ -178,7 +179,7 @@ def _accelerometer(positions: Sequence[Held], choice: Choice) -> Calibration:
     """
     if len(positions) < 2:
         raise DataError(
-            f'{len(positions)} still positions found: lay the sensor still for '
+            f'{count(len(positions), "still position")} found: lay the sensor still for '
             f'{choice.shortest_s:g} s or more on each of its six faces'
         )
     named = [name for held in positions if (name := six_position.face(held.mean)) is not None]

@@ -48,7 +48,7 @@ def tables(sensors: Named) -> Iterator[Table]:
         if found:
             units = _SHOWN[quantity.name]
             yield _coefficients(found, units)
-            yield _drift(found, units, quantity)
+            yield _drift(found, units)
     yield _temperatures(sensors)
 
 
@@ -73,9 +73,7 @@ def _coefficients(found: Sequence[tuple[str, Heated, str, Thermal]], units: _Uni
     return Table(f'{units.title}: bias against temperature', columns, rows, _COEFFICIENT_NOTE)
 
 
-def _drift(
-    found: Sequence[tuple[str, Heated, str, Thermal]], units: _Units, quantity: Quantity
-) -> Table:
+def _drift(found: Sequence[tuple[str, Heated, str, Thermal]], units: _Units) -> Table:
     columns = (
         Column('sensor, axis'), Column('warm-up', units.level),
         Column('start to heated', units.level), Column('per kelvin', units.coefficient),
@@ -111,7 +109,7 @@ def figures(sensors: Named) -> Iterator[PlanFigure]:
             found = {a[-1]: t for a, t in heated.axes.items() if a.startswith(quantity.name)}
             if found:
                 yield _over_temperature(name, heated, found, quantity)
-                yield _left_over(name, heated, found, quantity)
+                yield _left_over(name, found, quantity)
     for quantity in IMU_QUANTITIES:
         axes = list(_axes(sensors, quantity))
         if any(own.branches for _, _, _, own in axes):
@@ -157,9 +155,7 @@ def _over_temperature(
     )  # fmt: skip
 
 
-def _left_over(
-    name: str, heated: Heated, found: dict[str, Thermal], quantity: Quantity
-) -> PlanFigure:
+def _left_over(name: str, found: dict[str, Thermal], quantity: Quantity) -> PlanFigure:
     units = _SHOWN[quantity.name]
     factor = convert(1.0, quantity.unit, units.level)
     series = []

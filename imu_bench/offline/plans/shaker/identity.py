@@ -163,7 +163,7 @@ def _truth(path: Path) -> dict[str, Any]:
         motions = scenario['motions']
         name = _CONDITION.search(scenario['name'])
         excitation = SINE_ON_RANDOM if any(map(_is_random, motions)) else SINE
-        axis = scenario['axis'] or motions[0].get('axis', '')
+        axis = scenario['axis'] or next((m.get('axis', '') for m in motions), '')
         run = int(document['run'])
         sines = [m['frequency']['value'] for m in motions if m['kind'] == 'sine']
     except (OSError, ValueError, KeyError, IndexError, TypeError) as error:

@@ -17,7 +17,9 @@ from imu_bench.offline.plans.tilt.measured import Tilted
 DEGREE = math.degrees(1.0)
 
 CLEAR = 1.0 / 3.0
-"""An angle may be this part of a step away from the multiple it is taken for."""
+"""
+An angle may be this part of a step away from the multiple it is taken for; a half is undecided.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 import math
 
 from imu_bench.metrology.estimate import Estimate
@@ -151,10 +152,12 @@ def _step_plot(sensors: Sequence[Judged]) -> PlanFigure:
         angle = sensor.tilted.angle * DEGREE
         series.append(Series(f'{sensor.name} {sensor.tilted.axis}', sensor.tilted.time, angle))
     if first is not None:
-        begins = [step.begin_s for step in first.tilted.steps]
-        ends = [*begins, first.tilted.steps[-1].end_s]
+        steps = first.tilted.steps
+        # the table was set somewhere between two steps
+        moves = [0.5 * (a.end_s + b.begin_s) for a, b in pairwise(steps)]
+        times = np.array([steps[0].begin_s, *moves, steps[-1].end_s])
         angles = np.array([*first.wanted, first.wanted[-1]]) * DEGREE
-        series.append(Series('set', np.array(ends), angles, kind='step', dashed=True))
+        series.append(Series('set', times, angles, kind='step', dashed=True))
     return PlanFigure(
         'Set and measured angle (figures 20 and 21)', 'time in s', 'inclination in °',
         tuple(series),

@@ -34,8 +34,10 @@ LONGEST = 1 << 22
 """Samples of an axis that are analysed: an hour at 1 kHz, in less than 1 GB of memory."""
 
 SHORTEST_S = 4.0
+"""Two segments of a spectrum of 0.5 Hz, the default resolution."""
+
 _HIGHEST = 0.45
-"""Share of the sample rate above which a low-pass is left out."""
+"""Share of the sample rate above which a low-pass is left out: next to nothing is above it."""
 
 _SHOWN = 4.0
 """A spectrogram reaches up to so many times the low-pass."""

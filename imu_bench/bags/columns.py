@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import BinaryIO
 
 from imu_bench.samples import Samples
-from imu_bench.simulation.chip import SensorSource
 import numpy as np
 
 _HEADER_BYTES = 128
@@ -27,7 +26,8 @@ class ColumnWriter:
     ----------
     folder : Path
         Must not exist.
-    sources : sequence of SensorSource
+    beside : sequence of str
+        Quantities that have stamps of their own.
 
     Attributes
     ----------
@@ -38,24 +38,34 @@ class ColumnWriter:
     ------
     OSError
         From any method, if the disk is full or fails.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> folder = Path(mkdtemp()) / 'chip'
+    >>> writer = ColumnWriter(folder)
+    >>> writer.write([Samples(stamps=[0, 10], temperature=[20.0, 21.0])])
+    >>> writer.close()
+    >>> np.load(folder / 'temperature.npy').tolist()
+    [20.0, 21.0]
     """
 
-    def __init__(self, folder: Path, sources: Sequence[SensorSource]) -> None:
+    def __init__(self, folder: Path, beside: Sequence[str] = ()) -> None:
         folder.mkdir()
         self.count = 0
         self._folder = folder
-        self._prefixes = ['', *(f'{source.quantities[0]}_' for source in sources[1:])]
+        self._prefixes = ['', *(f'{quantity}_' for quantity in beside)]
         self._files: dict[str, tuple[BinaryIO, int, np.ndarray]] = {}
 
     def write(self, runs: Sequence[Samples]) -> None:
         """Append one run of each source."""
         self.count += len(runs[0])
         for prefix, run in zip(self._prefixes, runs, strict=True):
-            for field in fields(run):
-                values = getattr(run, field.name)
-                if values is not None:
-                    name = f'{prefix}stamps' if field.name == 'stamps' else field.name
-                    self._append(name, values)
+            self._write(prefix, run)
+
+    def write_beside(self, quantity: str, run: Samples) -> None:
+        """Append one run of a quantity with stamps of its own."""
+        self._write(f'{quantity}_', run)
 
     def close(self) -> None:
         """Complete the headers and close the files."""
@@ -71,6 +81,13 @@ class ColumnWriter:
             with suppress(OSError):
                 file.close()
         self._files.clear()
+
+    def _write(self, prefix: str, run: Samples) -> None:
+        for field in fields(run):
+            values = getattr(run, field.name)
+            if values is not None:
+                name = f'{prefix}stamps' if field.name == 'stamps' else field.name
+                self._append(name, values)
 
     def _append(self, name: str, values: np.ndarray) -> None:
         if name not in self._files:

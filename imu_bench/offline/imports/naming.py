@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names of topics and files for recordings that come from anywhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+
+from imu_bench.offline.recordings import Recording
+
+_SEPARATOR = re.compile(r'[^A-Za-z0-9_]+')
+_DIGIT = re.compile(r'^(?=\d)')
+_OWN = ('imu', 'data_raw')
+_NAMELESS = 'imu'
+
+
+def token(words: str) -> str:
+    """
+    Return words as one part of a topic name.
+
+    Source: ROS 2 design, "Topic and Service name mapping to DDS", rules of names: letters,
+    digits and underscores, no digit first, no two underscores in a row.
+
+    Examples
+    --------
+    >>> token('example data (2).csv'), token('2nd floor'), token('§')
+    ('example_data_2_csv', 'imu_2nd_floor', 'imu')
+    """
+    plain = re.sub('__+', '_', _SEPARATOR.sub('_', words)).strip('_')
+    return _DIGIT.sub(f'{_NAMELESS}_', plain) or _NAMELESS
+
+
+def topic(name: str) -> str:
+    """
+    Return the name of a topic as ROS 2 accepts it; one that it accepts stays as it is.
+
+    Examples
+    --------
+    >>> topic('/imu/data'), topic('/robot.imu'), topic('imu 3/data')
+    ('/imu/data', '/robot_imu', '/imu_3/data')
+    """
+    if re.fullmatch(r'(?:/(?!\d)\w+)+', name, re.ASCII) and '__' not in name:
+        return name
+    parts = [token(part) for part in name.split('/') if part]
+    return '/' + '/'.join(parts or [_NAMELESS])
+
+
+def is_from_bag(recording: Recording) -> bool:
+    """Return whether a recording was a topic of a bag."""
+    return recording.stamp_source in ('header', 'receive')
+
+
+def label(recording: Recording) -> str:
+    """Return a name for files: that of the file, or that of the topic without what all have."""
+    if not is_from_bag(recording):
+        return token(recording.topic)
+    parts = recording.topic.strip('/').split('/')
+    if tuple(parts[-2:]) == _OWN and len(parts) > len(_OWN):
+        parts = parts[: -len(_OWN)]
+    return token('_'.join(parts))
+
+
+class Names:
+    """
+    Hands out each name once.
+
+    Examples
+    --------
+    >>> names = Names()
+    >>> [names.claim('/imu', Path(f'/{day}/imu.csv')) for day in ('mon', 'tue', 'tue')]
+    ['/imu', '/tue/imu', '/tue/imu_2']
+    >>> names.claim('/imu', Path('night.mcap'))
+    '/night/imu'
+    """
+
+    def __init__(self) -> None:
+        self._taken: set[str] = set()
+
+    def claim(self, wanted: str, source: Path) -> str:
+        """Return a name; where it is taken, that of the source or its folder comes before it."""
+        name = wanted
+        if name in self._taken:
+            own, folder = token(source.stem), token(source.resolve().parent.name)
+            said = own in wanted.strip('/').split('/')
+            before = folder if said else own
+            name = f'/{before}{wanted}' if wanted.startswith('/') else f'{before}_{wanted}'
+        first, number = name, 1
+        while name in self._taken:
+            number += 1
+            name = f'{first}_{number}'
+        self._taken.add(name)
+        return name

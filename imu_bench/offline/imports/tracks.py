@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings as topics of a bag: messages a block at a time, in the order of their arrival."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from imu_bench.bags.sensor_messages import (
+    IMU,
+    INCLINATION,
+    MAGNETIC_FIELD,
+    Messages,
+    TEMPERATURE,
+    TYPES,
+)
+from imu_bench.bags.topic_info import describe, OfferedQos, TopicInfo
+from imu_bench.errors import RecordingError
+from imu_bench.offline.imports.naming import is_from_bag, label, Names, topic
+from imu_bench.offline.recordings import Recording
+from imu_bench.offline.recordings.gathering import PIECE
+from imu_bench.offline.recordings.stamps import choose
+from msg_conversions import cdr, covariance
+from msg_conversions.templates import ImuTemplate, Template
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Step = Callable[[int], None]
+"""Called with the number of samples that have become messages."""
+
+BLOCK = 1 << 12
+"""Messages that are made at once."""
+
+_GRAIN_S = 0.1
+"""Messages of different topics are interleaved at this grain."""
+
+_FIRST_NS = -(2**31) * 1_000_000_000
+"""builtin_interfaces/Time has 32 bits of seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """
+    One topic of a bag that is written.
+
+    Attributes
+    ----------
+    info : TopicInfo
+    stamps, receive_ns : ndarray of int64, shape (n,)
+        A bag has no time of arrival before 1970: then it is written as that.
+    template : Template
+        What is the same in all messages.
+    columns : tuple of (slice, ndarray)
+        What is not: which numbers, and their values, shape (n, width).
+    """
+
+    info: TopicInfo
+    stamps: Integers
+    receive_ns: Integers
+    template: Template
+    columns: tuple[tuple[slice, Floats], ...]
+
+    def messages(self, step: Step) -> Iterator[Messages]:
+        """Yield the messages, so many as arrive in a short time together."""
+        size = self.stamps.size
+        span_s = max(1, int(self.receive_ns[-1]) - int(self.receive_ns[0])) * 1e-9
+        grain = int(np.clip(size / span_s * _GRAIN_S, 1, BLOCK))
+        for start in range(0, size, BLOCK):
+            part = slice(start, min(start + BLOCK, size))
+            good = _fits(self.stamps[part])
+            kept = np.flatnonzero(good) + start if not good.all() else part
+            numbers = [(which, values[kept]) for which, values in self.columns]
+            rows = self.template.rows(self.stamps[kept], *numbers)
+            receive = np.maximum(self.receive_ns[kept], 0)
+            for cut in range(0, len(rows), grain):
+                few = slice(cut, cut + grain)
+                yield Messages(self.info.name, receive[few], rows[few])
+            step(part.stop - part.start)
+
+
+def tracks(recording: Recording, names: Names) -> list[Track]:
+    """
+    Return the topics that a recording becomes, the one of Imu messages first.
+
+    A topic of a bag keeps its name; a file becomes ``/<name>/imu/data_raw``, ``imu/mag`` and
+    ``temperature``.
+
+    Samples `without_room` are left out.
+    """
+    source = Path(recording.source)
+    stamps, receive = recording.samples.stamps, received(recording)
+    own = is_from_bag(recording)
+    name = label(recording)
+    space = topic(recording.topic) if own else names.claim(f'/{name}', source)
+    frame_id = recording.frame_id if own else f'{space.strip("/").replace("/", "_")}_link'
+    found = []
+    for last, template, columns in _contents(recording, frame_id):
+        full = names.claim(space, source) if own else f'{space}/{last}'
+        info = describe(full, TYPES[last], [OfferedQos()])
+        found.append(Track(info, stamps, receive, template, columns))
+    return found
+
+
+def reported(recording: Recording) -> bool:
+    """Return whether a recording has an orientation that is declared, or looks like one."""
+    turns = recording.samples.orientation
+    if turns is None or not len(recording):
+        return False
+    declared = recording.covariances[0] if recording.covariances else None
+    if declared is None or covariance.reported(declared[0]):
+        return True
+    first = turns[0]
+    parts = (turns[start : start + BLOCK] for start in range(0, len(turns), BLOCK))
+    return any((part != first).any() for part in parts)
+
+
+def _contents(
+    recording: Recording, frame_id: str
+) -> Iterator[tuple[str, Template, tuple[tuple[slice, Floats], ...]]]:
+    """Yield the last part of the name, what is constant, and what is not, of every topic."""
+    samples, known = recording.samples, recording.covariances
+    if samples.acceleration is not None or samples.angular_velocity is not None:
+        yield IMU, _imu_template(recording, frame_id), _imu_columns(recording)
+        known = ()
+    uncertainty = known[0] if known else None
+    if samples.magnetic_field is not None:
+        rest = uncertainty or covariance.UNKNOWN
+        columns = ((cdr.MAGNETIC_FIELD_VECTOR, samples.magnetic_field),)
+        yield MAGNETIC_FIELD, Template(frame_id, (0.0, 0.0, 0.0, *rest)), columns
+    if samples.temperature is not None:
+        columns = ((cdr.TEMPERATURE_VALUE, samples.temperature[:, None]),)
+        yield TEMPERATURE, Template(frame_id, (0.0, *(uncertainty or (0.0,)))), columns
+    if samples.inclination is not None:
+        columns = ((cdr.VECTOR3_VECTOR, samples.inclination),)
+        yield INCLINATION, Template(frame_id, (0.0, 0.0, 0.0)), columns
+
+
+def _imu_template(recording: Recording, frame_id: str) -> ImuTemplate:
+    """Return what all messages have: what is missing is declared so (REP-145)."""
+    samples = recording.samples
+    turn, rate, force = recording.covariances or (None, None, None)
+    there = (
+        reported(recording),
+        samples.angular_velocity is not None,
+        samples.acceleration is not None,
+    )
+    orientation, angular_velocity, acceleration = (
+        (known or covariance.UNKNOWN) if present else covariance.NOT_REPORTED
+        for known, present in zip((turn, rate, force), there, strict=True)
+    )
+    return ImuTemplate(
+        frame_id,
+        acceleration_covariance=acceleration,
+        angular_velocity_covariance=angular_velocity,
+        orientation_covariance=orientation,
+    )
+
+
+def _imu_columns(recording: Recording) -> tuple[tuple[slice, Floats], ...]:
+    samples = recording.samples
+    found = []
+    if samples.acceleration is not None:
+        found.append((cdr.IMU_LINEAR_ACCELERATION, samples.acceleration))
+    if samples.angular_velocity is not None:
+        found.append((cdr.IMU_ANGULAR_VELOCITY, samples.angular_velocity))
+    if samples.orientation is not None and reported(recording):
+        found.append((cdr.IMU_ORIENTATION, samples.orientation))
+    return tuple(found)
+
+
+def received(recording: Recording) -> Integers:
+    """Return the times of arrival; the stamps where there are none that a bag can hold."""
+    stamps, receive = recording.samples.stamps, recording.receive_ns
+    if receive is None or int(receive.min()) < 0:
+        return stamps
+    # whoever reads the bag must choose the same ones, also without what was left out
+    return receive if choose(stamps, receive, 'header')[1] == 'header' else stamps
+
+
+def without_room(recording: Recording) -> int:
+    """
+    Return how many samples of a bag have stamps that no message can hold, damaged ones.
+
+    Raises
+    ------
+    RecordingError
+        If those of another recording do not fit, or none at all does.
+    """
+    stamps = recording.samples.stamps
+    parts = (slice(start, start + PIECE) for start in range(0, stamps.size, PIECE))
+    lost = sum(int(np.count_nonzero(~_fits(stamps[part]))) for part in parts)
+    low, high = int(stamps.min()), int(stamps.max())
+    table = not is_from_bag(recording)
+    if lost == stamps.size or (table and (lost or low < 0)):
+        raise RecordingError(
+            f'{recording.source}, topic {recording.topic}: the stamps go from '
+            f'{low * 1e-9:.10g} to {high * 1e-9:.10g} s since 1970, and a bag has room for 0 to '
+            '2147483647 s; --to csv and --to npy keep them as they are'
+        )
+    return lost
+
+
+def _fits(stamps: Integers) -> npt.NDArray[np.bool_]:
+    """Return which stamps fit a header."""
+    return np.asarray((stamps >= _FIRST_NS) & (stamps < -_FIRST_NS), np.bool_)
