@@ -10,6 +10,7 @@ from typing import Any, TYPE_CHECKING
 
 from imu_bench.cli.main import complain, DONE, FAULT
 from imu_bench.cli.outputs import check_folder, check_outputs
+from imu_bench.cli.reading import add_reading, read_options
 from imu_bench.errors import BenchError, ConfigError
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = verbs.add_parser(
         'analyze', help='health and noise metrics of recordings', description=_DESCRIPTION
     )
-    _add_reading(parser)
+    add_reading(parser)
     _add_measuring(parser)
     _add_writing(parser)
     parser.add_argument(
@@ -45,23 +46,8 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.set_defaults(run=run)
 
 
-def _add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add what says how to read a recording."""
-    parser.add_argument(
-        'inputs', nargs='+', metavar='INPUT', help='bag, text file, arrays, or a folder of them'
-    )
-    parser.add_argument(
-        '--topic', action='append', default=[], metavar='T', help='only this topic (repeatable)'
-    )
-    parser.add_argument(
-        '--rate', type=float, metavar='HZ', help='sample rate of a text file without a time column'
-    )
-    parser.add_argument(
-        '--columns', metavar='NAMES', help='columns of a text file: names in order, - to ignore'
-    )
-    parser.add_argument(
-        '--units', metavar='NAME=UNIT,…', help='units of the columns, as in angular_velocity=deg/s'
-    )
+def _add_measuring(parser: argparse.ArgumentParser) -> None:
+    """Add what says which part is measured, and how."""
     parser.add_argument(
         '--pair',
         action='append',
@@ -70,10 +56,6 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
         metavar=('ACCEL', 'GYRO'),
         help='topics or files of an accelerometer and a gyroscope that are one sensor',
     )
-
-
-def _add_measuring(parser: argparse.ArgumentParser) -> None:
-    """Add what says which part is measured, and how."""
     parser.add_argument(
         '--tau', type=_numbers, default=(), metavar='S[,S…]', help='averaging times in s'
     )
@@ -122,17 +104,12 @@ def run(arguments: argparse.Namespace) -> int:
     one_thread_each()
     from imu_bench.cli import running
     from imu_bench.offline.pairing import joined
-    from imu_bench.offline.recordings import grouped, ReadOptions
+    from imu_bench.offline.recordings import grouped
     from imu_bench.offline.settings import Settings
 
     if arguments.set and arguments.plan is None:
         raise ConfigError(f'--set {arguments.set[0]}: a setting of a plan; name it with --plan')
-    options = ReadOptions(
-        topics=tuple(arguments.topic),
-        rate_hz=arguments.rate,
-        columns=arguments.columns,
-        units=arguments.units,
-    )
+    options = read_options(arguments)
     settings = Settings(
         taus=arguments.tau,
         start_s=arguments.start,
@@ -184,8 +161,10 @@ def _present(
     }
     stated = settings.to_json() | asked | {'datasheets': sheets}
     analysis = Analysis(tuple(found), tuple(failures), stated, compared.to_json())
+    # files first: the reader of a pipe (`| head`) may go before the table ends
+    written = _write(analysis, arguments)
     table.show(analysis, compared, si=arguments.si)
-    _write(analysis, arguments)
+    print(*written, sep='\n', end='\n' if written else '')
     severe = any(recording.health.severity == 'severe' for recording in found)
     if arguments.strict and severe:
         complain('a recording has severe findings (--strict)')
@@ -219,20 +198,23 @@ def _recordings(path: str, failures: list[Failure]) -> Sequence[Path]:
         return ()
 
 
-def _write(analysis: Analysis, arguments: argparse.Namespace) -> None:
+def _write(analysis: Analysis, arguments: argparse.Namespace) -> list[str]:
+    """Write what was asked for, and return a line on each."""
     from imu_bench.offline import report, results
 
+    written = []
     if arguments.json is not None:
         results.write(analysis, arguments.json)
-        print(f'wrote {arguments.json}')
+        written.append(f'wrote {arguments.json}')
     if arguments.html is not None:
         report.write(analysis, arguments.html)
-        print(f'wrote {arguments.html}')
+        written.append(f'wrote {arguments.html}')
     if arguments.figures is not None:
         from imu_bench.offline.figure_files.write import write as write_figures
 
         files = write_figures(analysis, arguments.figures)
-        print(f'wrote {len(files)} files in {arguments.figures}')
+        written.append(f'wrote {len(files)} files in {arguments.figures}')
+    return written
 
 
 def _numbers(text: str) -> tuple[float, ...]:

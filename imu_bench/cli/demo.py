@@ -12,7 +12,7 @@ import sys
 import time
 from typing import Any, TYPE_CHECKING
 
-from imu_bench.errors import ConfigError, NotReady
+from imu_bench.errors import ConfigError
 
 if TYPE_CHECKING:
     from imu_bench.cli.live_test import LiveTest
@@ -71,12 +71,9 @@ def run(args: argparse.Namespace) -> int:
     """
     from imu_bench.bench import load_bench
     from imu_bench.config.location import config_file
-    from imu_bench.nodes.spinning import INSTALL
+    from imu_bench.nodes.spinning import require_ros
 
-    try:
-        import rclpy  # noqa: F401  (late: it may be missing)
-    except ModuleNotFoundError as error:
-        raise NotReady(INSTALL) from error
+    require_ros()
     chosen = args.bench or (FAULTY_BENCH if args.faults else BENCH)
     name = chosen if chosen.endswith('.yaml') else f'benches/{chosen}.yaml'
     bench = load_bench(config_file(name))
@@ -149,16 +146,12 @@ def _new_folder(wanted: Path | None) -> Path:
 
 def _environment(folder: Path) -> dict[str, str]:
     """Return the environment of the nodes: on this machine only, in a domain of their own."""
-    environment = dict(os.environ)
-    environment.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    from imu_bench.nodes.bench_nodes import environment
+
     # 0 to 101 are safe on Linux (ROS 2 documentation, "The ROS_DOMAIN_ID")
-    environment.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
-    environment.setdefault('ROS_LOG_DIR', str((folder / 'log').resolve()))
-    # one thread each: the sensors share the cores, and numpy's pools would only fight
-    environment.update(OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
-    for key in ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_DOMAIN_ID', 'ROS_LOG_DIR'):
-        os.environ[key] = environment[key]
-    return environment
+    domain = str(1 + os.getpid() % 100)
+    alone = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': domain}
+    return environment(folder / 'log', alone)
 
 
 def _live(
@@ -171,7 +164,7 @@ def _live(
 ) -> BenchMonitor:
     """Run the nodes for a while, whatever ends it; return what the monitor saw."""
     from imu_bench.cli.fault_lines import FaultNews
-    from imu_bench.cli.live import show
+    from imu_bench.cli.live import BenchShowing, show, stop
     from imu_bench.nodes.bench_monitor import BenchMonitor
     from imu_bench.nodes.processes import BenchProcesses
 
@@ -193,23 +186,18 @@ def _live(
 
             news = FaultNews(monitor.sensors).lines if faults else tuple
             try:
-                show(monitor, processes, UP_WITHIN_S, duration_s, news, begin)
+                show(BenchShowing(monitor, processes, duration_s, news, begin), UP_WITHIN_S)
             except KeyboardInterrupt:
                 print('stopping', file=sys.stderr)
             # while the monitor listens: a sensor says as it goes what it lost at last
-            _stop(processes, sensors)
+            stop(processes, sensors)
             return monitor
     finally:
         # the recorder last: it writes down what the others say as they go
         for group in (sensors, ['analysis'], ['recorder']):
-            _stop(processes, group)
+            stop(processes, group)
         if live and begun:
             _write_truth(bench, folder, live, begun[0])
-
-
-def _stop(processes: BenchProcesses, names: list[str]) -> None:
-    for name in processes.stop(names):
-        print(f'{name} did not stop and was killed: {processes.log(name)}', file=sys.stderr)
 
 
 def _write_truth(bench: BenchConfig, folder: Path, live: LiveTest, begin_s: float) -> None:
@@ -226,28 +214,11 @@ def _start(
     bench: BenchConfig, folder: Path, processes: BenchProcesses, moved: Mapping[str, Any]
 ) -> None:
     from imu_bench.config.location import config_file
-    import yaml
+    from imu_bench.nodes import bench_nodes
 
-    recorder = {'output': str((folder / 'bag').resolve()), 'storage': bench.recorder.storage}
-    analysis = {'window_s': bench.analysis.window_s, 'confidence': bench.analysis.confidence}
-    reliable = ['--params-file', str(config_file('analysis.yaml'))]
-    for name, settings, files in (('recorder', recorder, []), ('analysis', analysis, reliable)):
-        flags = [flag for key, value in settings.items() for flag in ('-p', f'{key}:={value}')]
-        module = f'imu_bench.nodes.{name}_node'
-        processes.start(name, module, ['--ros-args', *files, *flags])
-    for sensor in bench.sensors:
-        own = folder / 'log' / f'{sensor.name}.yaml'
-        own_settings = {**bench.overrides[sensor.name], **moved}
-        document = {'/**': {'ros__parameters': own_settings}}
-        own.write_text(yaml.safe_dump(document), encoding='utf-8')
-        files = ['--params-file', str(bench.files[sensor.name])]
-        if own_settings:
-            files += ['--params-file', str(own)]
-        processes.start(
-            sensor.name,
-            'imu_bench.nodes.sensor_node',
-            ['--ros-args', *files, '-r', f'__ns:={sensor.namespace}'],
-        )
+    bench_nodes.start_recorder(processes, folder / 'bag', bench.recorder.storage)
+    bench_nodes.start_analysis(processes, bench, config_file('analysis.yaml'))
+    bench_nodes.start_sensors(processes, bench, folder / 'log', moved)
 
 
 def _verdicts(monitor: BenchMonitor) -> int:

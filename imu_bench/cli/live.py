@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 import math
 import os
+import sys
 import time
 from typing import TYPE_CHECKING
 
 from imu_bench.errors import NotReady
 from imu_bench.samples import ANGULAR_VELOCITY, LINEAR_ACCELERATION
 from imu_bench.units import convert
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.table import Table
 
@@ -25,75 +27,177 @@ LINE_EVERY_S = float(os.environ.get('IMU_BENCH_LINE_EVERY_S', '10'))
 """Where there is no terminal a line of text this often has to do."""
 
 
-def show(
-    monitor: BenchMonitor,
-    processes: BenchProcesses,
-    up_within_s: float,
-    duration_s: float,
-    news: Callable[[], Iterable[str]] = tuple,
-    begin: Callable[[], float] = time.monotonic,
-) -> None:
+class Showing(ABC):
     """
-    Show the bench until it has run for `duration_s` since the last sensor came up.
+    A running bench as the terminal shows it.
+
+    Attributes
+    ----------
+    duration_s : float or None
+        How long it runs once everything is up; None for as long as nobody ends it.
+    """
+
+    duration_s: float | None
+
+    @abstractmethod
+    def look(self) -> Iterable[str]:
+        """Return what there is to tell, line by line, each once; raise what ends it."""
+
+    @abstractmethod
+    def ready(self) -> bool:
+        """Return whether everything is up."""
+
+    @abstractmethod
+    def missing(self) -> str:
+        """Say what is not up."""
+
+    @abstractmethod
+    def heading(self, ran_s: float | None) -> str:
+        """Return the line above; None is before everything was up."""
+
+    @abstractmethod
+    def table(self, heading: str) -> RenderableType:
+        """Return what a terminal shows."""
+
+    @abstractmethod
+    def line(self, heading: str) -> str:
+        """Return what is printed where there is no terminal."""
+
+    def begin(self) -> float:
+        """Return from when on the duration counts, on the clock of `time.monotonic`."""
+        return time.monotonic()
+
+    def over(self, ran_s: float | None) -> bool:
+        """Return whether it is to end now."""
+        return None not in (ran_s, self.duration_s) and self.left(ran_s) <= 0.0
+
+    def left(self, ran_s: float | None) -> float:
+        """Return how long it still runs, s."""
+        if ran_s is None or self.duration_s is None:
+            return math.inf
+        return self.duration_s - ran_s
+
+
+def show(showing: Showing, up_within_s: float) -> None:
+    """
+    Show a bench until it is over.
+
+    Raises
+    ------
+    NotReady
+        If something is not up within `up_within_s`; and whatever `Showing.look` raises.
+    """
+    console = Console(stderr=True)
+    began = said = time.monotonic()
+    up: float | None = None
+    with Live(console=console, refresh_per_second=4, transient=False) as live:
+        while True:
+            for line in showing.look():
+                live.console.print(line, soft_wrap=True, markup=False, highlight=False)
+            if up is None and showing.ready():
+                up = showing.begin()
+            now = time.monotonic()
+            ran = None if up is None else now - up
+            if showing.over(ran):
+                break
+            if up is None and now - began > up_within_s:
+                raise NotReady(f'no data after {up_within_s:g} s from: {showing.missing()}')
+            heading = showing.heading(ran)
+            if console.is_terminal:
+                live.update(showing.table(heading))
+            elif now - said > LINE_EVERY_S:
+                said = now
+                console.print(showing.line(heading), soft_wrap=True)
+            # the pace of the display, nothing waits for it
+            time.sleep(min(REFRESH_S, max(0.0, showing.left(ran))))
+
+
+class BenchShowing(Showing):
+    """
+    Sensors with their rates, losses and noise so far; ended by a process that ends.
 
     Parameters
     ----------
     monitor : BenchMonitor
     processes : BenchProcesses
-    up_within_s, duration_s : float
+    duration_s : float
     news : callable, optional
         Returns lines to print, each once.
     begin : callable, optional
         Called when the last sensor has come up; returns from when on the duration counts, on
         the clock of `time.monotonic`.
-
-    Raises
-    ------
-    NotReady
-        If a process ends by itself, or a sensor gives no data within `up_within_s`.
     """
-    console = Console(stderr=True)
-    began = time.monotonic()
-    up: float | None = None
-    said = began
-    with Live(console=console, refresh_per_second=4, transient=False) as live:
-        while up is None or time.monotonic() - up < duration_s:
-            _look_after(processes)
-            for line in news():
-                live.console.print(line, soft_wrap=True, markup=False, highlight=False)
-            now = time.monotonic()
-            if up is None and all(view.publishing for view in monitor.sensors.values()):
-                up = begin()
-            if up is None and now - began > up_within_s:
-                raise NotReady(_missing(monitor, processes, up_within_s))
-            heading = _heading(up, now, duration_s)
-            if console.is_terminal:
-                live.update(_table(monitor, heading))
-            elif now - said > LINE_EVERY_S:
-                said = now
-                console.print(_line(monitor, heading), soft_wrap=True)
-            # the pace of the display, nothing waits for it
-            time.sleep(
-                REFRESH_S if up is None else min(REFRESH_S, max(0.0, up + duration_s - now))
-            )
+
+    def __init__(
+        self,
+        monitor: BenchMonitor,
+        processes: BenchProcesses,
+        duration_s: float,
+        news: Callable[[], Iterable[str]] = tuple,
+        begin: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.duration_s = self._of_s = duration_s
+        self._monitor, self._processes = monitor, processes
+        self._news, self._begin = news, begin
+
+    def look(self) -> Iterable[str]:
+        """
+        Return the news.
+
+        Raises
+        ------
+        NotReady
+            If a process has ended by itself.
+        """
+        for name, code in self._processes.ended().items():
+            raise NotReady(ended(self._processes, name, code))
+        return self._news()
+
+    def ready(self) -> bool:
+        """Return whether every sensor gives data."""
+        return all(view.publishing for view in self._monitor.sensors.values())
+
+    def begin(self) -> float:
+        """Let the scenario begin, if there is one."""
+        return self._begin()
+
+    def missing(self) -> str:
+        """Name the sensors without data, with their logs."""
+        return silent(self._monitor, self._processes)
+
+    def heading(self, ran_s: float | None) -> str:
+        """Return how long it has run."""
+        if ran_s is None:
+            return 'starting the nodes'
+        return f'{max(0.0, ran_s):.0f} of {self._of_s:g} s'
+
+    def table(self, heading: str) -> Table:
+        """Return a row per sensor."""
+        return _table(self._monitor, heading)
+
+    def line(self, heading: str) -> str:
+        """Return all of them in a line."""
+        return _line(self._monitor, heading)
 
 
-def _heading(up: float | None, now: float, duration_s: float) -> str:
-    return 'starting the nodes' if up is None else f'{max(0.0, now - up):.0f} of {duration_s:g} s'
+def ended(processes: BenchProcesses, name: str, code: int) -> str:
+    """Say that a process has ended by itself, and what it said last."""
+    return (
+        f'{name} ended with exit code {code}: {processes.last_words(name)} '
+        f'(its log: {processes.log(name)})'
+    )
 
 
-def _look_after(processes: BenchProcesses) -> None:
-    for name, code in processes.ended().items():
-        raise NotReady(
-            f'{name} ended with exit code {code}: {processes.last_words(name)} '
-            f'(its log: {processes.log(name)})'
-        )
+def silent(monitor: BenchMonitor, processes: BenchProcesses) -> str:
+    """Name the sensors that give no data, with their logs."""
+    views = [view for view in monitor.sensors.values() if not view.publishing]
+    return ', '.join(f'{view.name} {view.message} ({processes.log(view.name)})' for view in views)
 
 
-def _missing(monitor: BenchMonitor, processes: BenchProcesses, up_within_s: float) -> str:
-    silent = [view for view in monitor.sensors.values() if not view.publishing]
-    logs = ', '.join(f'{view.name} {view.message} ({processes.log(view.name)})' for view in silent)
-    return f'no data after {up_within_s:g} s from: {logs}'
+def stop(processes: BenchProcesses, names: Iterable[str]) -> None:
+    """Stop processes; say of which that took force."""
+    for name in processes.stop(names):
+        print(f'{name} did not stop and was killed: {processes.log(name)}', file=sys.stderr)
 
 
 def _table(monitor: BenchMonitor, heading: str) -> Table:
@@ -108,11 +212,11 @@ def _table(monitor: BenchMonitor, heading: str) -> Table:
 
 def _cells(view: SensorView) -> tuple[str, ...]:
     return (
-        _digits(view.number('delivered_hz'), '.1f'),
-        _digits(view.number('nominal_hz'), '.0f'),
+        digits(view.number('delivered_hz'), '.1f'),
+        digits(view.number('nominal_hz'), '.0f'),
         view.values.get('lost', ''),
-        _digits(_noise(view, LINEAR_ACCELERATION.name, 'm/s²/√Hz', 'µg/√Hz'), '.0f'),
-        _digits(_noise(view, ANGULAR_VELOCITY.name, 'rad/s/√Hz', 'm°/s/√Hz'), '.1f'),
+        digits(_noise(view, LINEAR_ACCELERATION.name, 'm/s²/√Hz', 'µg/√Hz'), '.0f'),
+        digits(_noise(view, ANGULAR_VELOCITY.name, 'rad/s/√Hz', 'm°/s/√Hz'), '.1f'),
     )
 
 
@@ -134,5 +238,6 @@ def _noise(view: SensorView, quantity: str, unit: str, shown: str) -> float:
     return value if math.isnan(value) else convert(value, unit, shown)
 
 
-def _digits(value: float, form: str) -> str:
+def digits(value: float, form: str) -> str:
+    """Return a number in a format, nothing where there is none."""
     return '' if math.isnan(value) else format(value, form)

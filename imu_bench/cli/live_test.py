@@ -55,12 +55,15 @@ class LiveTest:
 
     def analysis(self) -> list[str]:
         """Return the arguments of `imu-bench analyze` that run the plan of the test."""
-        if self.test is None:
-            return []
-        settings = [f'{name}={value}' for name, value in self.test.settings.items()]
-        flags = [word for setting in settings for word in ('--set', setting)]
-        reference = ['--reference', self.test.reference] if self.test.reference else []
-        return ['--plan', self.test.plan, *flags, *reference]
+        return [] if self.test is None else plan_arguments(self.test)
+
+
+def plan_arguments(test: BenchTest) -> list[str]:
+    """Return the arguments of `imu-bench analyze` that run the plan of a test."""
+    settings = [f'{name}={value}' for name, value in test.settings.items()]
+    flags = [word for setting in settings for word in ('--set', setting)]
+    reference = ['--reference', test.reference] if test.reference else []
+    return ['--plan', test.plan, *flags, *reference]
 
 
 def of_test(bench: BenchConfig, name: str, duration_s: float) -> LiveTest:

@@ -18,6 +18,7 @@ import os
 from pathlib import Path
 import re
 import sys
+from typing import NoReturn
 
 from imu_bench import __version__
 from imu_bench.cli.words import clean, forgiving
@@ -29,6 +30,16 @@ DONE, FAULT, USAGE, INTERRUPTED = 0, 1, 2, 130
 """Exit codes: done; the input or the machine is at fault; wrong usage; stopped with Ctrl-C."""
 
 _VERB = re.compile(r'^def register\(', re.MULTILINE)
+_CHOICE = re.compile(r"invalid choice: '(?P<given>[^']*)' \(choose from (?P<known>.*)\)$")
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that says which choice was probably meant, of verbs as of values."""
+
+    def error(self, message: str) -> NoReturn:
+        match = _CHOICE.search(message)
+        known = re.findall(r'[\w-]+', match['known']) if match else []
+        super().error(message + (_nearest(match['given'], known) if match else ''))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -80,7 +91,7 @@ def _allow_every_character() -> None:
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of the command with every verb found in this folder."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog='imu-bench',
         description='Test bench for several IMUs: run it, record it, analyse it.',
         epilog='exit codes: 0 done, 1 the input or the machine is at fault, 2 wrong usage',
@@ -109,8 +120,12 @@ def _unknown(given: Sequence[str], parser: argparse.ArgumentParser) -> str:
     text = f'unrecognized arguments: {" ".join(given)}'
     wrong = next((argument for argument in given if argument.startswith('--')), '')
     options = re.findall(r'--[a-z][a-z-]*', parser.format_help())
-    close = difflib.get_close_matches(wrong.partition('=')[0], options, n=1)
-    return f'{text}; did you mean {close[0]!r}?' if close else text
+    return text + _nearest(wrong.partition('=')[0], options)
+
+
+def _nearest(given: str, known: Sequence[str]) -> str:
+    close = difflib.get_close_matches(given, known, n=1)
+    return f'; did you mean {close[0]!r}?' if close else ''
 
 
 def verb_names() -> list[str]:

@@ -52,8 +52,10 @@ def run(
             result = plan_runs.run(plan, job)
         except plan_runs.NothingMeasured:
             return FAULT  # why, has been said of each
+    # files first: the reader of a pipe (`| head`) may go before the tables end
+    written = _write(result, arguments)
     show(result)
-    _write(result, arguments)
+    print(*written, sep='\n', end='\n' if written else '')
     severe = any(finding.severity == 'severe' for finding in result.findings)
     if arguments.strict and severe:
         complain('the plan has severe findings (--strict)')
@@ -71,17 +73,20 @@ def _settings(given: Sequence[str]) -> Mapping[str, str]:
     return settings
 
 
-def _write(result: PlanResult, arguments: argparse.Namespace) -> None:
+def _write(result: PlanResult, arguments: argparse.Namespace) -> list[str]:
+    """Write what was asked for, and return a line on each."""
+    written = []
     if arguments.json is not None:
         write(result, arguments.json)
-        print(f'wrote {arguments.json}')
+        written.append(f'wrote {arguments.json}')
     if arguments.html is not None:
         from imu_bench.offline.report.plan_page import write as write_page
 
         write_page(result, arguments.html)
-        print(f'wrote {arguments.html}')
+        written.append(f'wrote {arguments.html}')
     if arguments.figures is not None:
         from imu_bench.offline.figure_files.plan import write as write_figures
 
         files = write_figures(result, arguments.figures)
-        print(f'wrote {len(files)} files in {arguments.figures}')
+        written.append(f'wrote {len(files)} files in {arguments.figures}')
+    return written

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-import re
 import sys
 import time
 from typing import TYPE_CHECKING
 
-from imu_bench.errors import ConfigError, UnitError
+from imu_bench.cli.arguments import duration
+from imu_bench.errors import ConfigError
 
 if TYPE_CHECKING:
     from imu_bench.config import SensorConfig
@@ -22,8 +22,6 @@ with the truth beside it in truth.json.  Nothing waits: hours take seconds."""
 
 TWIN = 'twin'
 """Folder of the sensor files of twins, beside their bag."""
-
-_LONGEST_S = 366 * 86400.0
 
 
 def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -47,7 +45,7 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="change a setting of the scenario, as in 'sine.frequency=90 Hz' (repeatable)",
     )  # fmt: skip
     parser.add_argument(
-        '--duration', type=_duration, metavar='T',
+        '--duration', type=duration, metavar='T',
         help="simulated time, such as 14h, 20min or 90s (default the scenario's own)",
     )  # fmt: skip
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR', help='the bag')
@@ -138,31 +136,6 @@ def _length(wanted: float | None, scenario: Scenario) -> float:
             f'scenario {scenario.name} has no end; say how long with --duration, such as 20min'
         )
     return length
-
-
-def _duration(text: str) -> float:
-    """
-    Return seconds from a text such as '14h' or '20 min'; a bare number is seconds.
-
-    Examples
-    --------
-    >>> _duration('14h'), _duration('90'), _duration('1.5 min')
-    (50400.0, 90.0, 90.0)
-    """
-    from imu_bench.units import convert
-
-    match = re.fullmatch(r'\s*([0-9.]+(?:e[+-]?\d+)?)\s*(.*?)\s*', text)
-    try:
-        if match is None:
-            raise ValueError
-        seconds = convert(float(match[1]), match[2] or 's', 's')
-    except (UnitError, ValueError):
-        raise argparse.ArgumentTypeError(
-            f'{text!r} is no duration; write a number and s, min or h, such as 14h'
-        ) from None
-    if not 0.1 <= seconds <= _LONGEST_S:
-        raise argparse.ArgumentTypeError(f'{text} is not between 0.1 s and 366 days')
-    return seconds
 
 
 def _seed(text: str) -> int:

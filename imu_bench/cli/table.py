@@ -99,13 +99,13 @@ def _quantity(
 ) -> None:
     axes = [axis for _, _, axis in rows]
     columns = [
-        _Column('σ', 'level', [axis.statistics['std'] for axis in axes], si),
-        _Column('RMS', 'level', [axis.statistics['rms'] for axis in axes], si),
+        _Column('mean', 'level', [axis.statistics['mean'] for axis in axes], si),
+        _Column('σ, RMS', 'level', [axis.statistics['std'] for axis in axes], si),
         _Column('noise density', 'density', [axis.white_density for axis in axes], si),
         *(_Column(t, t, [axis.coefficient(t) for axis in axes], si) for t in 'NBK'),
     ]
-    for with_interval in (True, False):
-        table = _table(title, rows, columns, with_interval)
+    for with_interval, with_rate in ((True, True), (False, True), (False, False)):
+        table = _table(title, rows, columns, with_interval=with_interval, with_rate=with_rate)
         if fits(table, out):
             out.print(table)
             return
@@ -122,7 +122,9 @@ def _table(
     title: str,
     rows: Sequence[tuple[str, Estimate, AxisResult]],
     columns: Sequence[_Column],
+    *,
     with_interval: bool,
+    with_rate: bool,
 ) -> Table:
     table = Table(
         title=Text(title, style='bold'), title_justify='left', box=box.SIMPLE_HEAD,
@@ -130,7 +132,8 @@ def _table(
     )  # fmt: skip
     table.add_column('sensor')
     table.add_column('axis')
-    table.add_column('rate\nHz', justify='right', no_wrap=True)
+    if with_rate:
+        table.add_column('rate\nHz', justify='right', no_wrap=True)
     for column in columns:
         title = column.title if with_interval else column.title.replace(' ', '\n')
         table.add_column(Text(f'{title}\n{column.unit}'), justify='right', no_wrap=True)
@@ -141,7 +144,7 @@ def _table(
         table.add_row(
             Text(clean(label) if first else ''),
             axis.letter,
-            short(rate, 5) if first else '',
+            *([short(rate, 5) if first else ''] if with_rate else []),
             *(
                 value_text(column.estimates[index])
                 if with_interval

@@ -3,6 +3,7 @@
 
 from imu_bench.cli.export import FORMATS
 from imu_bench.offline import exports
+import numpy as np
 import pytest
 import yaml
 
@@ -42,6 +43,19 @@ def test_the_numbers_of_the_sensor_that_was_named(imu_bench, documents):
         _, out, _ = imu_bench('export', documents[1], '--to', 'kalibr', '--topic', sensor)
         values[sensor] = yaml.safe_load(out)['gyroscope_noise_density']
     assert values['loud'] == pytest.approx(3.0 * values['quiet'], rel=0.05)
+
+
+def test_numbers_of_a_sensor_that_moved_are_written_with_a_warning(imu_bench, write_csv, tmp_path):
+    def move(rows):
+        rows[1000:4000, 1] += 3.0 * np.sin(np.arange(3000) / 50.0)
+
+    document = tmp_path / 'moved.json'
+    imu_bench('analyze', write_csv(change=move), '--json', document)
+    code, out, err = imu_bench('export', document, '--to', 'kalibr')
+    assert code == 0
+    assert '# WARNING: the recording is not to be trusted: motion' in out
+    assert err.startswith('imu-bench: warning: The sensor moved ')
+    assert len(err.splitlines()) == 1
 
 
 def test_conservative_numbers_are_larger(imu_bench, documents):

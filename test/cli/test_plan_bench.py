@@ -99,7 +99,8 @@ def test_fine_steps_the_other_way(imu_bench, simulated, tmp_path):
         '--set', 'angles=' + ','.join(f'{0.05813 * k:.5f}' for k in range(7)),
     )  # fmt: skip
     for sensor in found['values'].values():
-        assert max(abs(s['compensated_error']['value']) for s in sensor['steps']) < 2e-4
+        # the IIM-42652 warms up by 1.5 K: 0.2 mg
+        assert max(abs(s['compensated_error']['value']) for s in sensor['steps']) < 2.3e-4
         assert sensor['hysteresis'] == []
 
 

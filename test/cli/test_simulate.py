@@ -202,7 +202,7 @@ def test_a_full_disk_leaves_nothing_and_is_one_line(imu_bench, own_bench, tmp_pa
         raise OSError(errno.ENOSPC, 'No space left on device')
 
     monkeypatch.setattr('imu_bench.bags.writer.BagWriter.flush', full)
-    monkeypatch.setattr('imu_bench.simulation.columns.ColumnWriter.write', full)
+    monkeypatch.setattr('imu_bench.bags.columns.ColumnWriter.write', full)
     before = sorted(tmp_path.iterdir())
     for storage in ('mcap', 'npy'):
         code, _, err = imu_bench(

@@ -50,3 +50,22 @@ def test_names_from_a_recording_cannot_steer_the_terminal(analysis):
     assert '\x1b' not in text
     assert '\x07' not in text
     assert '[red]boo[/red]' in text
+
+
+def test_six_sensors_are_a_table_at_80_columns(analysis):
+    """The mean of one sensor may be far smaller than that of the others."""
+    one = analysis.recordings[0]
+    level = replace(one.axes['linear_acceleration.z'].statistics['mean'], value=6e-8)
+    axes = {
+        name: replace(axis, statistics={**axis.statistics, 'mean': level})
+        if axis.quantity == 'linear_acceleration'
+        else axis
+        for name, axis in one.axes.items()
+    }
+    recordings = tuple(
+        replace(one, topic=f'/bench/{name}/imu/data_raw', axes=axes)
+        for name in ('mti300', 'mpu9250', 'lsm303dlhc')
+    )
+    text = shown(replace(analysis, recordings=recordings), 80)
+    assert text.count('lsm303dlhc ') >= 3  # its heading, and a row in each table
+    assert 'σ, RMS  ' not in text  # one number a line
