@@ -172,6 +172,15 @@ def small_bench(path, sensors, **more):
     return path
 
 
+@pytest.fixture
+def interruptible():
+    """Let SIGINT reach children: a shell that starts the tests in the background ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures('interruptible')
 def test_interrupt_stops_cleanly_and_still_analyses(tmp_path):
     folder, sensors = tmp_path / 'run', ('mpu9250', 'scl3300')
     bench = small_bench(tmp_path / 'small.yaml', sensors)
