@@ -186,7 +186,8 @@ class AxisResult:
         Whether the axis shows constant signals, as far as noise can tell.
 
         Behind a high-pass, as in a piezoelectric sensor, the mean is zero and the Allan deviation
-        falls below that of the white noise in the spectrum; other noise only adds to it.
+        falls below that of the white noise in the spectrum, to which other noise only adds.  Where
+        it comes up to it later, it was a low-pass.
         """
         plateau = self.noise_density_methods.get('plateau')
         if self.allan is None or plateau is None or plateau.value is None:
@@ -196,8 +197,10 @@ class AxisResult:
             clearly_not_zero = abs(mean.value) > _CLEAR * (mean.high - mean.low)
             if clearly_not_zero:
                 return True
-        white = plateau.value / np.sqrt(2.0 * self.allan.tau)
-        return not bool(np.any(self.allan.high < _CUT * white))
+        root_tau = np.sqrt(self.allan.tau)
+        white = plateau.value / (np.sqrt(2.0) * root_tau)
+        beyond = slice(int(np.argmax(self.allan.deviation * root_tau)), None)
+        return not bool(np.any(self.allan.high[beyond] < _CUT * white[beyond]))
 
     def coefficient(self, term: str) -> Estimate:
         """

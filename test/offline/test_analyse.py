@@ -11,6 +11,7 @@ from imu_bench.offline.analyse import analyse, cut, Settings
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
+from scipy import signal
 
 ROOT2 = np.sqrt(2.0)
 
@@ -47,6 +48,17 @@ def test_axes_of_nan_are_not_analysed(recording_of, noise):
     acceleration[:, :2] = np.nan
     result = analyse(recording_of(replace(samples, acceleration=acceleration)))
     assert [axis.letter for axis in result.of('linear_acceleration')] == ['z']
+
+
+def test_a_low_pass_around_zero_is_no_high_pass(recording_of, noise):
+    samples = noise()
+    slow = signal.sosfilt(signal.butter(2, 8.0, fs=100.0, output='sos'), samples.angular_velocity, 0)
+    slow -= slow.mean(axis=0)
+    axis = analyse(recording_of(replace(samples, angular_velocity=slow))).axes[
+        'angular_velocity.x'
+    ]
+    assert axis.shows_constants
+    assert axis.coefficient('N').low <= 1e-4 <= axis.coefficient('N').high
 
 
 def test_a_constant_axis_has_no_noise(recording_of, noise):
