@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import shlex
 import sys
 
 from imu_bench.cli.main import DONE
@@ -59,6 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'note: {clean(note)}', file=sys.stderr)
     for entry in done.entries:
         print(clean(str(entry)))
-    more = f' or ros2 bag info {output}' if form in ('mcap', 'sqlite3') else ''
-    print(clean(f'wrote {output}; next: imu-bench analyze {output}{more}'))
+    quoted = shlex.quote(str(output))
+    more = f' or ros2 bag info {quoted}' if form in ('mcap', 'sqlite3') else ''
+    print(clean(f'wrote {output}; next: imu-bench analyze {quoted}{more}'))
     return DONE

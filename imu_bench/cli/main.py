@@ -113,19 +113,22 @@ def _unknown(given: Sequence[str], parser: argparse.ArgumentParser) -> str:
     Examples
     --------
     >>> parser = argparse.ArgumentParser()
-    >>> _ = parser.add_argument('--duration')
+    >>> _ = parser.add_argument('--duration'), parser.add_argument('--rate')
     >>> _unknown(['--duratoin=3s'], parser)
     "unrecognized arguments: --duratoin=3s; did you mean '--duration'?"
+    >>> _unknown(['--start=3'], parser)
+    'unrecognized arguments: --start=3'
     """
     text = f'unrecognized arguments: {" ".join(given)}'
     wrong = next((argument for argument in given if argument.startswith('--')), '')
-    options = re.findall(r'--[a-z][a-z-]*', parser.format_help())
-    return text + _nearest(wrong.partition('=')[0], options)
+    # compared without the dashes, which are alike in all
+    options = re.findall(r'--([a-z][a-z-]*)', parser.format_help())
+    return text + _nearest(wrong.partition('=')[0].lstrip('-'), options, '--')
 
 
-def _nearest(given: str, known: Sequence[str]) -> str:
+def _nearest(given: str, known: Sequence[str], prefix: str = '') -> str:
     close = difflib.get_close_matches(given, known, n=1)
-    return f'; did you mean {close[0]!r}?' if close else ''
+    return f'; did you mean {prefix + close[0]!r}?' if close else ''
 
 
 def verb_names() -> list[str]:

@@ -41,7 +41,7 @@ class Cluster:
         except ImportError as problem:
             raise RecordingError(
                 '--scheduler needs dask.distributed, which is not installed: '
-                "pip install 'imu_bench[cluster]'"
+                "pip install '.[cluster]' in the folder of imu_bench"
             ) from problem
         try:
             self._client = Client(address, timeout=_PATIENCE_S, set_as_default=False)

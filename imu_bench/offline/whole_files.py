@@ -100,6 +100,7 @@ def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     home = path.parent / f'{UNFINISHED}{path.name}'
     draft = home / path.name
     shutil.rmtree(home, ignore_errors=True)
+    missing = [folder for folder in home.parents if not folder.exists()]
     try:
         home.mkdir(parents=True)
         yield draft
@@ -114,6 +115,9 @@ def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise RecordingError(f'{reason}; what was written is removed') from error
     finally:
         shutil.rmtree(home, ignore_errors=True)
+        with suppress(OSError):  # one that holds the folder stays
+            for folder in missing:
+                folder.rmdir()
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

@@ -83,6 +83,20 @@ def test_without_a_clock_stamps_count_from_zero_and_that_is_said(imu_bench, tmp_
     assert [line.partition(',')[0] for line in lines[1:3]] == ['0.000000000', '0.020000000']
 
 
+def test_a_failed_import_leaves_no_folder(imu_bench, log, tmp_path):
+    nonsense = tmp_path / 'nonsense.mcap'
+    nonsense.write_bytes(b'no bag')
+    code, _, _ = imu_bench('import', log, nonsense, '-o', tmp_path / 'new' / 'one' / 'bag')
+    assert code == 1
+    assert not (tmp_path / 'new').exists()
+
+
+def test_the_next_command_runs_as_printed(imu_bench, log, tmp_path):
+    output = tmp_path / 'my bag'
+    _, out, _ = imu_bench('import', log, '-o', output)
+    assert f"next: imu-bench analyze '{output}' or ros2 bag info '{output}'\n" in out
+
+
 def test_several_streams_are_topics_or_files(imu_bench, write_csv, tmp_path):
     logs = [write_csv(name, n=200) for name in ('left.csv', 'right.csv')]
     code, out, _ = imu_bench('import', *logs, '-o', tmp_path / 'bag')

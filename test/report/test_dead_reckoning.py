@@ -7,6 +7,7 @@ import math
 from imu_bench.metrology.allan import deviation
 from imu_bench.offline.analyse import analyse
 from imu_bench.offline.axis_result import AxisResult
+from imu_bench.offline.health.finding import Finding
 from imu_bench.offline.report.dead_reckoning import error_after, tables
 from imu_bench.samples import Samples
 import numpy as np
@@ -59,6 +60,13 @@ def test_sensors_are_ranked_and_the_worst_axis_counts(result, monkeypatch):
     assert len(angle.times) == len(angle.rows[0].errors)
     monkeypatch.setattr(AxisResult, 'shows_constants', False)
     assert tables([result], ['piezo']) == []
+
+
+def test_a_sensor_that_moved_has_no_error_at_rest(result):
+    finding = Finding('severe', 'motion', 'it moved', '', '')
+    moved = replace(result, health=replace(result.health, findings=(finding,)))
+    assert tables([moved], ['moved']) == []
+    assert [row.label for row in tables([moved, result], ['moved', 'still'])[0].rows] == ['still']
 
 
 def _louder(axis):

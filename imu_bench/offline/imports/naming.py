@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 import re
 
@@ -12,6 +13,9 @@ _SEPARATOR = re.compile(r'[^A-Za-z0-9_]+')
 _DIGIT = re.compile(r'^(?=\d)')
 _OWN = ('imu', 'data_raw')
 _NAMELESS = 'imu'
+
+_LONGEST = 120
+"""Letters of a label: file systems have room for 255, also for what comes before and after."""
 
 
 def token(words: str) -> str:
@@ -53,11 +57,11 @@ def is_from_bag(recording: Recording) -> bool:
 def label(recording: Recording) -> str:
     """Return a name for files: that of the file, or that of the topic without what all have."""
     if not is_from_bag(recording):
-        return token(recording.topic)
+        return token(recording.topic)[:_LONGEST]
     parts = recording.topic.strip('/').split('/')
     if tuple(parts[-2:]) == _OWN and len(parts) > len(_OWN):
         parts = parts[: -len(_OWN)]
-    return token('_'.join(parts))
+    return token('_'.join(parts))[:_LONGEST]
 
 
 class Names:
@@ -76,17 +80,31 @@ class Names:
     def __init__(self) -> None:
         self._taken: set[str] = set()
 
-    def claim(self, wanted: str, source: Path) -> str:
-        """Return a name; where it is taken, that of the source or its folder comes before it."""
+    def claim(self, wanted: str, source: Path, below: Sequence[str] = ()) -> str:
+        """
+        Return a name; where it is taken, that of the source or its folder comes before it.
+
+        Parameters
+        ----------
+        wanted : str
+        source : Path
+            Where what is named comes from.
+        below : sequence of str
+            Names below this one that must be free, too.
+        """
         name = wanted
-        if name in self._taken:
+        if self._taken & _all(name, below):
             own, folder = token(source.stem), token(source.resolve().parent.name)
             said = own in wanted.strip('/').split('/')
             before = folder if said else own
             name = f'/{before}{wanted}' if wanted.startswith('/') else f'{before}_{wanted}'
         first, number = name, 1
-        while name in self._taken:
+        while self._taken & _all(name, below):
             number += 1
             name = f'{first}_{number}'
-        self._taken.add(name)
+        self._taken |= _all(name, below)
         return name
+
+
+def _all(name: str, below: Sequence[str]) -> set[str]:
+    return {name, *(f'{name}/{last}' for last in below)}

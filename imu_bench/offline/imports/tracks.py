@@ -93,8 +93,10 @@ def tracks(recording: Recording, names: Names) -> list[Track]:
     source = Path(recording.source)
     stamps, receive = recording.samples.stamps, received(recording)
     own = is_from_bag(recording)
-    name = label(recording)
-    space = topic(recording.topic) if own else names.claim(f'/{name}', source)
+    if own:
+        space = topic(recording.topic)
+    else:
+        space = names.claim(f'/{label(recording)}', source, tuple(TYPES))
     frame_id = recording.frame_id if own else f'{space.strip("/").replace("/", "_")}_link'
     found = []
     for last, template, columns in _contents(recording, frame_id):

@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 
 from imu_bench.bags import bag, ros1
+from imu_bench.bus.recording.file import MAGIC as WIRE
 from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings.array_files import kind, MAGIC_SIZE
 from imu_bench.offline.recordings.discovery import find_recordings, STAMPS_FILE
@@ -75,6 +76,11 @@ def _open(path: Path, options: ReadOptions) -> Source:
         raise RecordingError(
             f'{path}: this is a result of imu-bench analyze, no recording; imu-bench export and '
             'imu-bench compare read results'
+        )
+    if start.startswith(WIRE):
+        raise RecordingError(
+            f'{path}: this is a wire recording; play it with sensor_node --ros-args -p '
+            f'backend:=recorded -p wire_recording:={path}, and imu-bench record'
         )
     from imu_bench.offline.recordings import text
 

@@ -80,12 +80,21 @@ def error_after(curve: DeviationCurve, seconds: float, unit: str) -> Estimate | 
 
 
 def tables(recordings: Sequence[RecordingResult], labels: Sequence[str]) -> list[DeadReckoning]:
-    """Return the errors of gyroscopes and accelerometers, the smallest after the longest first."""
+    """
+    Return the errors of gyroscopes and accelerometers, the smallest after the longest first.
+
+    A recording with a severe finding has none: its curve may be that of a motion.
+    """
+    sound = [
+        (recording, label)
+        for recording, label in zip(recordings, labels, strict=True)
+        if recording.health.severity != 'severe'
+    ]
     made = []
     for quantity, title, unit in _KINDS:
         found = {
             label: [_worst(axes, seconds, unit) for seconds in TIMES_S.values()]
-            for recording, label in zip(recordings, labels, strict=True)
+            for recording, label in sound
             if (axes := recording.of(quantity.name)) and all(axis.shows_constants for axis in axes)
         }
         used = [i for i in range(len(TIMES_S)) if any(row[i] for row in found.values())]

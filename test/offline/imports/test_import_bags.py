@@ -258,6 +258,17 @@ def test_topics_of_one_name_get_that_of_their_bag(bag, tmp_path):
     assert set(found) == {*names, *(f'/friday{name}' for name in names)}
 
 
+def test_a_log_beside_the_bag_that_was_made_of_it(tmp_path):
+    log = tmp_path / 'chip.npz'
+    np.savez(log, stamp=STAMPS * 1e-9, ax=np.ones(N))
+    options = ReadOptions(units='stamp=s,linear_acceleration=m/s^2')
+    import_recordings([log], options, tmp_path / 'a', 'mcap')
+    for order in ([log, tmp_path / 'a'], [tmp_path / 'a', log]):
+        out = tmp_path / f'out_{order[0].name}'
+        import_recordings(order, options, out, 'mcap')
+        assert [len(messages) for messages in stored(out).values()] == [N, N]
+
+
 def test_one_topic_takes_along_what_belongs_to_it(bag, tmp_path):
     imported(bag(), tmp_path / 'out', topics=(IMU,))
     assert set(stored(tmp_path / 'out')) == {IMU, MAG, TEMPERATURE}
@@ -272,6 +283,20 @@ def test_columns_have_what_belongs_to_them_beside(bag, tmp_path):
     np.testing.assert_array_equal(np.load(folder / 'magnetic_field.npy'), numbers(2)[1][::10])
     assert np.load(folder / 'temperature_stamps.npy').tolist() == STAMPS[::10].tolist()
     np.testing.assert_array_equal(np.load(folder / 'orientation.npy'), TURNS)
+
+
+@pytest.mark.parametrize('form', ['csv', 'npy'])
+def test_a_topic_longer_than_a_file_name(tmp_path, form):
+    path = tmp_path / 'bag'
+    with BagWriter(path, 'mcap') as writer:
+        for last in 'ab':
+            topic = f'/{"long" * 63}/{last}'
+            writer.add_topic(describe(topic, 'sensor_msgs/msg/Imu'))
+            for stamp, blob in zip(STAMPS.tolist(), imu_blobs(), strict=True):
+                writer.write(topic, stamp, blob)
+    done = imported(path, tmp_path / 'out', form)
+    assert [entry.samples for entry in done.entries] == [N, N]
+    assert len(list((tmp_path / 'out').iterdir())) == 2
 
 
 def test_a_csv_says_what_it_has_no_place_for(bag, tmp_path):
