@@ -79,7 +79,8 @@ def model_from_json(document: Mapping[str, Any]) -> NoiseModel:
     if (low_pass := model.get('low_pass')) is not None:
         # documents of version 0.1 knew digital filters only, by their order
         kind = low_pass.get('kind') or f'digital {low_pass["order"]}'
-        fields['low_pass'] = LowPass(low_pass['warped'], kind, low_pass['period'])
+        floor = low_pass.get('floor', 0.0)
+        fields['low_pass'] = LowPass(low_pass['warped'], kind, low_pass['period'], floor)
     fields['tau_high'] = np.inf if model['tau_high'] is None else model['tau_high']
     return NoiseModel(unit=document['unit'], flags=tuple(model['flags']), **fields)
 

@@ -54,13 +54,27 @@ def sampled(share, x):
     return signal.lfilter([1.0 - pole], [1.0, -pole], x)[2000:]
 
 
-@pytest.mark.parametrize(('share', 'held'), [(0.32, 34), (0.4, 34), (0.625, 30)])
+@pytest.mark.parametrize(('share', 'held'), [(0.32, 34), (0.4, 34), (0.625, 35)])
 def test_what_folds_back_behind_an_analogue_filter_is_known(share, held):
     """As most chips filter; the samples of a minute at 100 Hz."""
     models = [coefficients.fit(curve(sampled(share, white(29, run, 6000)))) for run in range(40)]
     assert not any('bump' in flag for model in models for flag in model.flags)
     assert sum(model.N.low <= TRUE <= model.N.high for model in models) >= held
     assert np.mean([model.N.value for model in models]) == pytest.approx(TRUE, rel=0.02)
+
+
+def test_rounding_behind_a_slow_filter_does_not_move_n():
+    """Steps as large as σ, 17 s at 200 Hz: a quarter of the first variance joins behind it."""
+    models = [
+        coefficients.fit(curve(np.round(sampled(0.05, white(31, run, 3400)) / 0.4) * 0.4))
+        for run in range(60)
+    ]
+    assert all(model.N.observable for model in models)
+    true = math.hypot(TRUE, 0.4 / math.sqrt(12.0 * RATE_HZ))
+    errors = np.array([model.N.value for model in models]) / true - 1.0
+    assert abs(errors.mean()) < 0.02 and errors.std() < 0.08
+    assert sum(model.N.low <= true <= model.N.high for model in models) >= 50
+    assert sum(model.B.observable or model.K.observable for model in models) <= 1
 
 
 def test_a_slow_filter_of_a_short_record_is_never_taken_for_flicker():

@@ -3,7 +3,7 @@
 
 import math
 
-from imu_bench.metrology.fitting.low_pass import bend, deficit, KINDS, LowPass, WEAKEST
+from imu_bench.metrology.fitting.low_pass import bends, deficit, KINDS, LowPass, WEAKEST
 import numpy as np
 import pytest
 from scipy import signal
@@ -106,9 +106,22 @@ def test_a_filter_that_does_nothing_has_no_effect(kind):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_the_bend_is_the_derivative(kind):
-    at = LowPass(math.log(math.tan(math.pi * 0.1)), kind, PERIOD)
+@pytest.mark.parametrize('floor', [0.0, 0.2])
+def test_the_bends_are_the_derivatives(kind, floor):
+    at = LowPass(math.log(math.tan(math.pi * 0.1)), kind, PERIOD, floor)
     tau, step = PERIOD * np.array([1.0, 4.0, 30.0]), 1e-4
-    above = LowPass(at.warped + step, kind, PERIOD).variance(tau)
-    expected = (above - at.variance(tau)) / step
-    np.testing.assert_allclose(bend(tau, at), expected, rtol=1e-3)
+    above = LowPass(at.warped + step, kind, PERIOD, floor).variance(tau)
+    more = LowPass(at.warped, kind, PERIOD, floor + step).variance(tau)
+    by_cutoff, by_floor = bends(tau, at)
+    np.testing.assert_allclose(by_cutoff, (above - at.variance(tau)) / step, rtol=1e-3)
+    np.testing.assert_allclose(by_floor, (more - at.variance(tau)) / step, rtol=1e-6)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_floor_is_white_noise_that_joins_behind_the_filter(kind):
+    warped, tau, f = math.log(math.tan(math.pi * 0.05)), [PERIOD, 0.1], [1.0, 20.0, 45.0]
+    plain, floored = LowPass(warped, kind, PERIOD), LowPass(warped, kind, PERIOD, 0.1)
+    np.testing.assert_allclose(floored.gain(f), 0.9 * plain.gain(f) + 0.1)
+    np.testing.assert_allclose(
+        floored.variance(tau), 0.9 * plain.variance(tau) + 0.1 / np.array(tau)
+    )

@@ -52,7 +52,8 @@ def test_axes_of_nan_are_not_analysed(recording_of, noise):
 
 def test_a_low_pass_around_zero_is_no_high_pass(recording_of, noise):
     samples = noise()
-    slow = signal.sosfilt(signal.butter(2, 8.0, fs=100.0, output='sos'), samples.angular_velocity, 0)
+    sections = signal.butter(2, 8.0, fs=100.0, output='sos')
+    slow = signal.sosfilt(sections, samples.angular_velocity, axis=0)
     slow -= slow.mean(axis=0)
     axis = analyse(recording_of(replace(samples, angular_velocity=slow))).axes[
         'angular_velocity.x'

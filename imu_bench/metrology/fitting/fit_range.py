@@ -16,13 +16,16 @@ from functools import cached_property
 from imu_bench.metrology.curve import Floats
 from imu_bench.metrology.fitting.filter_fit import (
     candidates,
+    evidence,
     filtered_white,
+    joining,
     LOWEST,
+    missing,
     POSSIBLE,
-    shows,
+    SHOWN,
 )
 from imu_bench.metrology.fitting.low_pass import LowPass
-from imu_bench.metrology.fitting.model_choice import fit_subsets, residuals_of
+from imu_bench.metrology.fitting.model_choice import fit_subsets, residuals_of, WIDER
 from imu_bench.metrology.fitting.model_fit import PENALTY, Problem, Solutions
 from imu_bench.metrology.fitting.scoring import Bools
 from imu_bench.metrology.fitting.screening import Glance, glance, HOPELESS, Judged, MISFIT
@@ -77,6 +80,12 @@ Start of a curve, in periods of the cutoff, from which on a filter that must be 
 told takes 3 % of N at most, and half of that an octave later.
 """
 
+FLOOR = 0.5
+"""
+What white noise that joins behind a filter counts for, in terms: every reading is rounded, so it
+is no surprise, and two standard deviations are enough.
+"""
+
 ROUNDS = 5
 """Times that points are taken off a bump."""
 
@@ -94,16 +103,18 @@ class Range(Judged):
         Averaging time in s before which points are left out, 0 if none.
     bump : tuple of float
         First and last averaging time in s left out in the middle; empty if none.
-    alike : Range or None
-        The fit behind another kind of low-pass filter, or behind any if this one has none, that
-        describes the curve as well.
+    alike : tuple of Range
+        Fits behind other low-pass filters, or behind none, that describe the curve about as well.
+    further : ndarray, shape (k,), or None
+        What else may be part of the curve, although the fit does without.
     """
 
     problem: Problem
     solutions: Solutions
     started: float = 0.0
     bump: tuple[float, ...] = ()
-    alike: Range | None = None
+    alike: tuple[Range, ...] = ()
+    further: Floats | None = None
 
     @cached_property
     def residuals(self) -> Floats:
@@ -118,8 +129,14 @@ class Range(Judged):
     @property
     def score(self) -> float:
         """−2 ln L of the likeliest subset with its penalties, the cutoff of a filter included."""
-        filtered = self.problem.low_pass is not None
-        return float(self.solutions.score.min()) + (PENALTY if filtered else 0.0)
+        low_pass = self.problem.low_pass
+        further = 0.0 if low_pass is None else 1.0 + (FLOOR if low_pass.floor else 0.0)
+        return float(self.solutions.score.min()) + PENALTY * further
+
+    @cached_property
+    def evidence(self) -> float:
+        """`filter_fit.evidence` of the likeliest subset."""
+        return evidence(self.problem, self.solutions[self.solutions.likeliest])
 
     @property
     def has_white_noise(self) -> bool:
@@ -146,7 +163,7 @@ def choose_range(problem: Problem) -> Range:
     if filtered is not None:
         return filtered
     if whole.described and whole.start <= START_MISFIT:
-        return replace(whole, alike=_weak(whole))
+        return _weak(whole)
     tried: list[Judged] = [whole]
     for count in _starts(problem):
         tried.append(_from(whole, count))
@@ -190,14 +207,14 @@ def _filtered(whole: Range) -> Range | None:
     if problem.low_pass is not None or 'G' in problem.terms:
         return None
     sound = whole.described and whole.start <= START_MISFIT
-    if sound and not shows(problem, whole.solutions[whole.solutions.likeliest]):
+    if sound and whole.evidence <= SHOWN:
         return None
     last = int(np.searchsorted(problem.m, CYCLES[-1] / LOWEST))
     last = max(min(last, problem.m.size - FEWEST), 0)
     if not sound and _no_filter(whole, 0) and _no_filter(whole, last):
         return None
     filters = candidates(problem)
-    found = _needed(whole, filters, KNOWN_FILTER, 0.0)
+    found = _needed(whole, filters, KNOWN_FILTER, 0.0, True)
     for cycles in CYCLES if filters else ():
         count = int(np.searchsorted(problem.tau, cycles / filters[0].cutoff))
         if found is not None or not 0 < count <= problem.tau.size - FEWEST:
@@ -229,21 +246,20 @@ def _beyond(whole: Range, start: float) -> Range | None:
     # a filter takes from the first point, to which a vibration adds
     if whole.problem.variance[0] > best.squares @ whole.problem.basis[:, 0]:
         return None
-    return replace(plain, alike=_weak(plain))
+    return _weak(plain)
 
 
-def _weak(whole: Range) -> Range | None:
+def _weak(whole: Range) -> Range:
     """
-    Return the fit behind a filter that a curve shows but does not need.
+    Return a fit that knows of a filter which the curve shows but does not need.
 
     Whether it is there nobody knows; N can be as high as behind it.
     """
     if whole.problem.low_pass is not None or 'G' in whole.problem.terms:
-        return None
-    if not shows(whole.problem, whole.solutions[whole.solutions.likeliest], POSSIBLE):
-        return None
-    filters = candidates(whole.problem)
-    return _behind(whole, filters[0]) if filters else None
+        return whole
+    if not POSSIBLE < whole.evidence < np.inf:
+        return whole
+    return replace(whole, further=missing(whole.problem))
 
 
 def _no_filter(whole: Range, count: int) -> bool:
@@ -253,15 +269,49 @@ def _no_filter(whole: Range, count: int) -> bool:
     return glance(rest, whole.degrees[count:], columns).hopeless
 
 
-def _needed(plain: Range, filters: list[LowPass], misfit: float, doubt: float) -> Range | None:
+def _needed(
+    plain: Range, filters: list[LowPass], misfit: float, doubt: float, floor: bool = False
+) -> Range | None:
     """Return the fit of the same points behind a filter, if that describes them and is needed."""
+    found = _sound(plain, filters, misfit)
+    if filters and floor:
+        found = _floored(plain, filters[0], misfit, found)
+    if found is None or found.score - doubt >= plain.score:
+        return None
+    return _or(found, plain)
+
+
+def _sound(plain: Range, filters: list[LowPass], misfit: float) -> Range | None:
+    """Return the fit of the same points behind the first of some filters, if it is good."""
     if not filters or glance(plain.problem.behind(filters[0]), plain.degrees).hopeless:
         return None
     found = _behind(plain, filters[0])
-    good = found.chi2 <= misfit and found.start <= START_FIT and found.has_white_noise
-    if not good or found.score - doubt >= plain.score:
+    if found.chi2 > misfit or found.start > START_FIT or not found.has_white_noise:
         return None
-    return replace(found, alike=_behind(plain, filters[1]) if len(filters) > 1 else None)
+    return replace(found, alike=tuple(_behind(plain, other) for other in filters[1:2]))
+
+
+def _floored(plain: Range, low_pass: LowPass, misfit: float, found: Range | None) -> Range | None:
+    """
+    Return the fit behind a filter, with white noise that joins behind it if the curve needs that.
+
+    Rounding adds such noise: after a slow filter it is a quarter of the first variances and more,
+    and a filter alone would follow them with too high a cutoff and too low an N.
+    """
+    if found is not None and found.evidence <= SHOWN:
+        return found
+    floored = _sound(plain, candidates(plain.problem, low_pass), misfit)
+    if found is None:
+        return floored
+    if floored is None or floored.score >= found.score:
+        return replace(found, further=joining(found.problem))
+    return _or(floored, found)
+
+
+def _or(found: Range, simpler: Range) -> Range:
+    """Return a fit that knows of a simpler one, if that is about as good."""
+    close = simpler.described and simpler.score - found.score <= WIDER
+    return replace(found, alike=(*found.alike, simpler)) if close else found
 
 
 def _behind(plain: Range, low_pass: LowPass) -> Range:

@@ -119,12 +119,15 @@ class Report:
             self._response(fitted, at).interval(self.confidence)
             for fitted in (choice.best, *choice.rivals, *choice.supersets)
         ]
-        other = self.chosen.alike
-        if other is not None:
-            same = other.solutions[other.solutions.likeliest]
-            answer = respond(other.problem, same, widening=self.chosen.widening)
-            term = self.problem.terms[at]
-            intervals += [answer[term].interval(self.confidence)] if term in answer else []
+        chosen, term = self.chosen, self.problem.terms[at]
+        answers = [
+            respond(r.problem, r.solutions[r.solutions.likeliest], widening=chosen.widening)
+            for r in chosen.alike
+        ]
+        if chosen.further is not None:
+            extra, widening = chosen.further, chosen.widening
+            answers.append(respond(self.problem, choice.best, extra=extra, widening=widening))
+        intervals += [a[term].interval(self.confidence) for a in answers if term in a]
         lows, highs = zip(*intervals, strict=True)
         return self._root(float(choice.best.squares[at]), list(lows), list(highs))
 
@@ -215,6 +218,11 @@ class Report:
             flags.append(
                 f'white noise through a low-pass filter of about {low_pass.cutoff:.2g} Hz: it '
                 'bends the start of the curve, not N'
+            )
+        if low_pass is not None and low_pass.floor:
+            flags.append(
+                f'{100.0 * low_pass.floor:.2g} % of the white noise joins behind the filter, as '
+                'that of rounding does'
             )
         if self.chosen.started and low_pass is not None:
             flags.append(

@@ -47,11 +47,14 @@ class LowPass:
         One of `KINDS`.
     period : float
         Sample period τ0 in s.
+    floor : float
+        Share of the white noise that joins behind the filter, as that of rounding does.
     """
 
     warped: float
     kind: str
     period: float
+    floor: float = 0.0
 
     @property
     def cutoff(self) -> float:
@@ -68,16 +71,20 @@ class LowPass:
         Behind an analogue one it is the transform of the sampled autocovariance.
         """
         angle = np.minimum(np.pi * np.asarray(frequency, np.float64) * self.period, 1.5707)
-        if self._analogue:
-            return self._folded(2.0 * angle)
-        stretched = np.log(np.tan(angle)) - self.warped
-        order = int(self.kind[-1])
-        result: Floats = 1.0 / (1.0 + np.exp(np.minimum(2.0 * order * stretched, 700.0)))
+        left = self._folded(2.0 * angle) if self._analogue else self._stretched(angle)
+        result: Floats = self.floor + (1.0 - self.floor) * left
         return result
 
     @property
     def _analogue(self) -> bool:
         return self.kind.startswith('analogue')
+
+    def _stretched(self, angle: Floats) -> Floats:
+        """Return 1/(1 + (f/f_c)^(2 order)) at frequencies that the transform has stretched."""
+        stretched = np.log(np.tan(angle)) - self.warped
+        order = int(self.kind[-1])
+        left: Floats = 1.0 / (1.0 + np.exp(np.minimum(2.0 * order * stretched, 700.0)))
+        return left
 
     def _folded(self, angle: Floats) -> Floats:
         """Return 1 − 2 Re(A/(1 − p)) + 2 Re Σ A p^(k−1) cos(k angle), k from 1 on."""
@@ -98,7 +105,8 @@ class LowPass:
         [0.8264, 0.01]
         """
         t = np.asarray(tau, np.float64)
-        result: Floats = (1.0 - deficit(t / self.period, self.warped, self.kind)) / t
+        taken = deficit(t / self.period, self.warped, self.kind)
+        result: Floats = (1.0 - (1.0 - self.floor) * taken) / t
         return result
 
 
@@ -168,8 +176,13 @@ def _digital_2(w: Floats) -> tuple[Complex, Complex]:
 _OF_KIND = dict(zip(KINDS, (_analogue_1, _analogue_2, _digital_1, _digital_2), strict=True))
 
 
-def bend(tau: Floats, low_pass: LowPass) -> Floats:
-    """Return the derivative of `LowPass.variance` by `warped`, shape (k,)."""
+def bends(tau: Floats, low_pass: LowPass) -> Floats:
+    """
+    Return the derivatives of `LowPass.variance`, shape (2, k).
+
+    By `warped` and by `floor`.
+    """
     m, step = tau / low_pass.period, 1e-3
-    above, below = (deficit(m, low_pass.warped + s, low_pass.kind) for s in (step, -step))
-    return np.asarray((below - above) / (2.0 * step * tau), np.float64)
+    below, at, above = (deficit(m, low_pass.warped + s, low_pass.kind) for s in (-step, 0.0, step))
+    by_cutoff = (1.0 - low_pass.floor) * (below - above) / (2.0 * step)
+    return np.asarray(np.stack([by_cutoff, at]) / tau, np.float64)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from imu_bench.metrology.curve import Floats, Integers
-from imu_bench.metrology.fitting.low_pass import bend, LowPass
+from imu_bench.metrology.fitting.low_pass import bends, LowPass
 from imu_bench.metrology.fitting.noise_model import (
     density_basis,
     gauss_markov_density,
@@ -82,8 +82,8 @@ class Problem:
         T_c in s of the term 'G'.
     low_pass : LowPass or None
         Filter of the white noise, the row of 'N' in `basis` and `densities`.
-    bend : ndarray, shape (k,), or None
-        Derivative of that row of `basis` by `LowPass.warped`.
+    bends : ndarray, shape (2, k), or None
+        Derivatives of that row of `basis` by `LowPass.warped` and `LowPass.floor`.
     """
 
     terms: str
@@ -102,7 +102,7 @@ class Problem:
     power: Floats
     correlation_time: float | None = None
     low_pass: LowPass | None = None
-    bend: Floats | None = None
+    bends: Floats | None = None
 
     @property
     def period(self) -> float:
@@ -131,7 +131,7 @@ class Problem:
             cross=self.cross[:, kept],
             share=self.share[kept],
             power=self.power[kept],
-            bend=None if self.bend is None else self.bend[kept],
+            bends=None if self.bends is None else self.bends[:, kept],
         )
 
     def behind(self, low_pass: LowPass) -> Problem:
@@ -158,7 +158,7 @@ class Problem:
             densities=densities,
             cross=cross.reshape(-1, self.tau.size),
             low_pass=low_pass,
-            bend=bend(self.tau, low_pass),
+            bends=bends(self.tau, low_pass),
         )
 
 

@@ -135,9 +135,11 @@ def respond(
     columns, own = problem.basis[fitted.mask], problem.densities[fitted.mask]
     present = noise[fitted.mask]
     further = [] if extra is None else [('T', extra)]
-    if problem.bend is not None:
-        # the cutoff was fitted as well
-        further.append(('F', fitted.squares[problem.terms.index('N')] * problem.bend))
+    if problem.bends is not None and problem.low_pass is not None:
+        # the cutoff was fitted as well, and the floor if there is one
+        count = 2 if problem.low_pass.floor else 1
+        moved = fitted.squares[problem.terms.index('N')] * problem.bends[:count]
+        further += list(zip('FW'[:count], moved, strict=True))
     # a parameter of a term that is absent changes nothing
     further = [(letter, column) for letter, column in further if column.any()]
     for letter, column in further:
