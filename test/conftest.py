@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fixtures for every test: the shared recordings, and a ROS 2 that stays on this machine."""
 
+import fcntl
 import os
 from pathlib import Path
+import tempfile
 
 import pytest
 
@@ -16,13 +18,34 @@ SPREAD = {'test_every_driver.py', 'test_every_fault.py'}
 """Files of many tests without fixtures to share: any worker takes the next of them."""
 
 
+def own_domain(config):
+    """
+    Return a domain of ROS 2 that no other worker and no other run on this machine has.
+
+    Two that shared one would hear each other: their nodes and topics have the same names.
+    """
+    for number in range(os.getpid(), os.getpid() + 101):
+        domain = 1 + number % 101  # 1..101 are safe on Linux
+        path = Path(tempfile.gettempdir()) / f'imu_bench_test_domain_{domain}'
+        try:
+            file = path.open('wb')
+        except PermissionError:  # of another user
+            continue
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            continue
+        config.add_cleanup(file.close)
+        return domain
+    raise pytest.UsageError('every domain of ROS 2 is in use by other runs of the tests')
+
+
 def pytest_configure(config):
     """Keep ROS 2 on this machine and strict, before anything imports rclpy."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
-    worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
-    # 1..101 are safe on Linux; each worker and run gets its own
-    os.environ['ROS_DOMAIN_ID'] = str(1 + (os.getppid() * 7 + int(worker)) % 100)
+    os.environ['ROS_DOMAIN_ID'] = str(own_domain(config))
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Mapping
 from datetime import datetime
 import os
@@ -83,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         duration_s = live.duration_s
     folder = _new_folder(args.output)
     environment = _environment(folder)
-    print(f'{bench.title or bench.name}: {len(bench.sensors)} emulated sensors, {duration_s:g} s')
+    print(f'{bench.title or bench.name}: {kinds(bench)}, {duration_s:g} s')
     if live is not None:
         print(f'{f"test {live.test.name}" if live.test else "no test"}: {live.remark}')
     print(
@@ -100,6 +101,25 @@ def run(args: argparse.Namespace) -> int:
     if args.faults and code == 0:
         show_gaps(folder / 'results.json', monitor.sensors)
     return max(code, failed)
+
+
+def kinds(bench: BenchConfig) -> str:
+    """
+    Say how many sensors there are and what stands behind them.
+
+    Examples
+    --------
+    >>> from imu_bench.config import BenchConfig, SensorConfig
+    >>> kinds(BenchConfig(name='one', sensors=(SensorConfig('a', 'mpu9250', 'emulated'),)))
+    '1 emulated sensor'
+    """
+    from imu_bench.offline.notation import count
+
+    found = Counter(sensor.backend for sensor in bench.sensors)
+    if len(found) == 1:
+        return count(len(bench.sensors), f'{next(iter(found))} sensor')
+    listed = ', '.join(f'{number} {kind}' for kind, number in found.items())
+    return f'{count(len(bench.sensors), "sensor")} ({listed})'
 
 
 def _live_test(bench: BenchConfig, args: argparse.Namespace, most_s: float) -> LiveTest | None:
@@ -170,6 +190,8 @@ def _live(
 
     processes = BenchProcesses(folder / 'log', environment)
     sensors = [sensor.name for sensor in bench.sensors]
+    emulated = [sensor.name for sensor in bench.sensors if sensor.backend == 'emulated']
+    played = [sensor.name for sensor in bench.sensors if sensor.backend == 'recorded']
     moved = live.write(folder / 'scenario') if live else {}
     begun: list[float] = []
     try:
@@ -180,13 +202,14 @@ def _live(
                 if live is None:
                     return time.monotonic()
                 at_s = time.time() + LEAD_S
-                monitor.begin(at_s)
+                monitor.begin(at_s, emulated)
                 begun.append(at_s)
                 return time.monotonic() + at_s - time.time()
 
             news = FaultNews(monitor.sensors).lines if faults else tuple
+            showing = BenchShowing(monitor, processes, duration_s, news, begin, played)
             try:
-                show(BenchShowing(monitor, processes, duration_s, news, begin), UP_WITHIN_S)
+                show(showing, UP_WITHIN_S)
             except KeyboardInterrupt:
                 print('stopping', file=sys.stderr)
             # while the monitor listens: a sensor says as it goes what it lost at last
@@ -205,7 +228,9 @@ def _write_truth(bench: BenchConfig, folder: Path, live: LiveTest, begin_s: floa
     from imu_bench.bench import simulate
     from imu_bench.simulation.recording import write_truth
 
-    sensors = [simulate(sensor, live.scenario) for sensor in bench.sensors]
+    # what is played, or measured, does not know of the scenario
+    emulated = [sensor for sensor in bench.sensors if sensor.backend == 'emulated']
+    sensors = [simulate(sensor, live.scenario) for sensor in emulated]
     begin_ns = round(begin_s * 1e9)
     write_truth(folder, sensors, live.scenario, live.duration_s, start_ns=begin_ns)
 

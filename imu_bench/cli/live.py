@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 import math
 import os
 import sys
@@ -126,6 +126,8 @@ class BenchShowing(Showing):
     begin : callable, optional
         Called when the last sensor has come up; returns from when on the duration counts, on
         the clock of `time.monotonic`.
+    played : collection of str
+        Sensors that play a wire recording: they end by themselves, and the others go on.
     """
 
     def __init__(
@@ -135,10 +137,13 @@ class BenchShowing(Showing):
         duration_s: float,
         news: Callable[[], Iterable[str]] = tuple,
         begin: Callable[[], float] = time.monotonic,
+        played: Collection[str] = (),
     ) -> None:
         self.duration_s = self._of_s = duration_s
         self._monitor, self._processes = monitor, processes
         self._news, self._begin = news, begin
+        self._played = played
+        self._over: set[str] = set()
 
     def look(self) -> Iterable[str]:
         """
@@ -147,11 +152,20 @@ class BenchShowing(Showing):
         Raises
         ------
         NotReady
-            If a process has ended by itself.
+            If a process has ended by itself, but for one that plays a recording.
         """
+        lines = []
         for name, code in self._processes.ended().items():
-            raise NotReady(ended(self._processes, name, code))
-        return self._news()
+            if code or name not in self._played:
+                raise NotReady(ended(self._processes, name, code))
+            if name not in self._over:
+                self._over.add(name)
+                lines.append(self._processes.last_words(name))
+        return [*lines, *self._news()]
+
+    def over(self, ran_s: float | None) -> bool:
+        """Return whether the time is over, or all that was played."""
+        return self._over == set(self._monitor.sensors) or super().over(ran_s)
 
     def ready(self) -> bool:
         """Return whether every sensor gives data."""

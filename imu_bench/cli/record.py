@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import signal
 import sys
 from typing import TYPE_CHECKING
 
@@ -63,6 +64,8 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Record; return 0 if everything kept its rate to the end."""
+    # a shell makes its background jobs ignore it; who sends it means it, also before all is up
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     # imported here: help must not wait for scipy and ROS 2
     from imu_bench.cli import record_place, record_room
     from imu_bench.config.bench import RecorderConfig
@@ -142,7 +145,7 @@ def _conclude(place: Place, ended: Ended) -> int:
         total = count(sum(counts.values()), 'message')
     else:
         faults.append('the bag was not finished, analyze reads it as it is')
-    ran = length(round(ended.ran_s))
+    ran = length(round(ended.ran_s, 1))
     if place.duration_s is not None and ended.asked:
         ran += f' of {length(place.duration_s)}, stopped by {ended.asked}'
     print(f'{place.bag}: {total}, {size(stored_bytes(place.bag))}, {ran}')

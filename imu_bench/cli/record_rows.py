@@ -48,12 +48,15 @@ class Row(ABC):
         What the user calls it, and the topic whose messages count.
     died : str
         Why its node has ended; empty while it runs.
+    plays : bool
+        Its node plays a wire recording, and ends by itself when that is over.
     over : bool
-        Whether its node has ended as it should: what it played is over.
+        Whether its node has ended so.
     """
 
     def __init__(self, name: str, recorder: RecorderView, topic: str) -> None:
         self.name, self.topic = name, topic
+        self.plays = False
         self.died, self.over = '', False
         self._recorder = recorder
 
@@ -112,11 +115,15 @@ class SensorRow(Row):
     view : SensorView
     recorder : RecorderView
     topic : str
+    plays : bool
+        As in `Row`.
     """
 
-    def __init__(self, view: SensorView, recorder: RecorderView, topic: str) -> None:
+    def __init__(
+        self, view: SensorView, recorder: RecorderView, topic: str, *, plays: bool = False
+    ) -> None:
         super().__init__(view.name, recorder, topic)
-        self._view = view
+        self._view, self.plays = view, plays
         self._first, self._first_s = 0.0, -math.inf
 
     @property
@@ -155,7 +162,8 @@ class SensorRow(Row):
         rate, least = self._rate(ended_s)
         slow = rate < least or missed > STARTED_S * nominal + RATE_TOLERANCE * published
         fault = self._fault(slow, ended_s)
-        seen = rate if fault else view.number('delivered_hz')
+        # the latest is the finer one, but may have in it what was lost before the beginning
+        seen = rate if fault else max(rate, view.number('delivered_hz'))
         kept = f'{"did NOT keep" if fault else "kept"} its rate ({seen:.1f} of {nominal:.0f} Hz)'
         gone = f'{grouped(lost)} lost' if lost or fault else 'nothing lost'
         if missed > STARTED_S * nominal:

@@ -66,7 +66,7 @@ class Session:
     Starts nodes and recorder, shows them, and stops them in order, whatever ends it.
 
     Logs are beside the bag until everything is up, then in its folder.  What is not up in time
-    leaves its logs, and no bag.
+    leaves its logs, and no bag; who stops it before finds nothing.
 
     Parameters
     ----------
@@ -88,6 +88,7 @@ class Session:
         self._logs.mkdir(parents=True, exist_ok=True)
         self._processes = BenchProcesses(self._logs, bench_nodes.environment(self._logs, {}))
         self._begun = self._ours = False
+        self._worth_a_look = True
 
     def run(self) -> Ended:
         """
@@ -108,6 +109,9 @@ class Session:
                 bag = str(self._place.bag.resolve())
                 with BenchMonitor(self._names, bag) as monitor:
                     return self._record(monitor, asked)
+            except KeyboardInterrupt:
+                self._worth_a_look = False
+                raise
             finally:
                 # the recorder last: it writes down what the others say as they go
                 stop(self._processes, self._names)
@@ -149,7 +153,10 @@ class Session:
         bench_nodes.start_sensors(self._processes, self._bench, self._logs, {})
         return [
             SensorRow(
-                monitor.sensors[sensor.name], monitor.recorder, f'{sensor.namespace}/imu/data_raw'
+                monitor.sensors[sensor.name],
+                monitor.recorder,
+                f'{sensor.namespace}/imu/data_raw',
+                plays=sensor.backend == 'recorded',
             )
             for sensor in self._bench.sensors
         ]
@@ -159,8 +166,8 @@ class Session:
     ) -> None:
         bench_nodes.start_recorder(self._processes, self._place.bag, self._storage, topics)
         began = time.monotonic()
+        # whoever asks to stop waits, too: until it is heard nobody knows whether the bag is ours
         while monitor.recorder.heard_s == -math.inf:
-            ask()
             for name, code in self._processes.ended().items():
                 raise NotReady(ended(self._processes, name, code))
             if time.monotonic() - began > UP_WITHIN_S:
@@ -170,6 +177,7 @@ class Session:
                 )
             time.sleep(LOOK_S)  # the pace of looking; the monitor listens in its own thread
         self._ours = True
+        ask()
 
     def _settled(self) -> None:
         self._processes.move_logs(self._place.bag / 'log')
@@ -180,7 +188,7 @@ class Session:
         if self._ours:
             shutil.rmtree(self._place.bag, ignore_errors=True)
         for log in self._logs.iterdir():
-            if not log.stat().st_size:
+            if not (self._worth_a_look and log.stat().st_size):
                 log.unlink()
         with suppress(OSError):  # it is not empty
             self._logs.rmdir()

@@ -105,18 +105,27 @@ class RecordShowing(Showing):
         Raises
         ------
         NotReady
-            If a process ends before everything is up.
+            If a process fails before everything is up.
         """
         for row in self.rows:
             if isinstance(row, TopicRow):
                 row.hear()
         codes = self._processes.ended()
+        ends = list(self._ends(codes))
         if self.begun_s is None:
-            for name, code in codes.items():
-                raise NotReady(ended(self._processes, name, code))
-            return []
-        news = [*self._deaths(codes), *self._troubles(), *self._disk()]
+            over = {row.name for row in self.rows if row.over}
+            for name in codes.keys() - over:
+                raise NotReady(ended(self._processes, name, codes[name]))
+            return ends
+        news = [*ends, *self._deaths(codes), *self._troubles(), *self._disk()]
         return [f'{_clock(self._age())} {line}' for line in news]
+
+    def _ends(self, codes: dict[str, int]) -> Iterable[str]:
+        """Yield which recordings have been played."""
+        for row in self.rows:
+            if row.plays and not row.over and codes.get(row.name) == 0:
+                row.over = True
+                yield self._processes.last_words(row.name)
 
     def _deaths(self, codes: dict[str, int]) -> Iterable[str]:
         for name, code in codes.items():
@@ -127,13 +136,9 @@ class RecordShowing(Showing):
             row = next(row for row in self.rows if row.name == name)
             if row.died or row.over:
                 continue
-            if code:
-                row.died = f'ended after {duration(round(self._age()))} (exit code {code})'
-                others = '; the others go on' if self._going_on() else ''
-                yield f'WARNING: {ended(self._processes, name, code)}{others}'
-            else:
-                row.over = True
-                yield f'{name}: {self._processes.last_words(name)}'
+            row.died = f'ended after {duration(round(self._age()))} (exit code {code})'
+            others = '; the others go on' if self._going_on() else ''
+            yield f'WARNING: {ended(self._processes, name, code)}{others}'
         if not self._going_on() and all(row.died for row in self.rows):
             self.failure = 'no sensor is left'
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 import math
 import threading
@@ -219,14 +219,15 @@ class BenchMonitor:
         with self._news:
             return self._news.wait_for(done, timeout_s)
 
-    def begin(self, at_s: float) -> None:
+    def begin(self, at_s: float, names: Iterable[str]) -> None:
         """
-        Tell every sensor when the scenario begins that it waits for.
+        Tell sensors when the scenario begins that they wait for.
 
         Parameters
         ----------
         at_s : float
             Unix time, s.
+        names : iterable of str
 
         Raises
         ------
@@ -239,7 +240,7 @@ class BenchMonitor:
             name: self._node.create_client(
                 SetParameters, f'/bench/{name}/sensor_node/set_parameters'
             )
-            for name in self.sensors
+            for name in names
         }
         for name, client in clients.items():
             if not client.wait_for_service(ANSWER_S):

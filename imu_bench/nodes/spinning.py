@@ -32,7 +32,7 @@ from imu_bench.errors import BenchError, NotReady
 INSTALL = (
     'ROS 2 is not installed for this Python. Either source an installation '
     '(source /opt/ros/jazzy/setup.bash), or on x86-64 Linux install the wheels: '
-    "pip install 'imu_bench[ros]'"
+    "pip install '.[ros]' in the folder of imu_bench"
 )
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)

@@ -2,12 +2,13 @@
 """Files that are missing, cut off, damaged or of something else; disks that fail; the pace."""
 
 import errno
+import re
 import zlib
 
 from imu_bench.bus.claim import ChipInUse
 from imu_bench.bus.recording import Player, read_head, Recorder, writing
 from imu_bench.bus.recording import recorder as recording
-from imu_bench.bus.recording.file import BLOCK, END
+from imu_bench.bus.recording.file import BLOCK, block_of
 from imu_bench.bus.scripted import ScriptedRegisters, ScriptedStream
 from imu_bench.errors import BusBusy, BusError, NoAnswer, RecordingError, RecordingOver
 from imu_bench.simulation.clock import SimulatedClock
@@ -61,10 +62,28 @@ def test_the_head_says_what_was_recorded(path):
         'mpu9250', 'hardware x', '2023-11-14T22:13:20+00:00',
     )  # fmt: skip
     # for people: two lines of text
-    assert path.read_bytes().startswith(b'imu_bench wire recording 1\n{"driver": "mpu9250"')
+    first, second, _ = path.read_bytes().split(b'\n', 2)
+    assert first == b'imu_bench wire recording 1 %08x' % zlib.crc32(second)
+    assert second.startswith(b'{"driver": "mpu9250"')
 
 
 # --- bad input ---------------------------------------------------------------------------
+def headed(line):
+    """Return a file with such a head."""
+    return b'imu_bench wire recording 1 %08x\n%s\n' % (zlib.crc32(line), line)
+
+
+def split(content):
+    """Return the head of a recording and its blocks; the last is the mark of the end."""
+    at = content.index(b'\n', 40) + 1
+    head, blocks = content[:at], []
+    while at < len(content):
+        end = at + BLOCK.size + BLOCK.unpack_from(content, at)[0]
+        blocks.append(content[at:end])
+        at = end
+    return head, blocks
+
+
 def test_a_file_that_is_missing_is_one_line(tmp_path):
     with pytest.raises(RecordingError, match=r'/none\.wire: No such file or directory$'):
         read_head(tmp_path / 'none.wire')
@@ -75,11 +94,12 @@ def test_a_file_that_is_missing_is_one_line(tmp_path):
     [
         (b'', 'no wire recording; wire_recording: FILE on backend: hardware writes one'),
         (b'\x89MCAP0\r\n' * 100, 'no wire recording'),
-        (b'imu_bench wire recording 2\n{}\n', 'its format 2 is not 1'),
-        (b'imu_bench wire recording 1\n{"driver": "mpu', 'its head cannot be read'),
-        (b'imu_bench wire recording 1\n{}\n', 'its head cannot be read'),
-        (b'imu_bench wire recording 1\n[]\n', 'its head cannot be read'),
-        (b'imu_bench wire recording 1\n\xff\xfe\n', 'its head cannot be read'),
+        (b'imu_bench wire recording 2 x\n{}\n', 'its format 2 is not 1'),
+        (b'imu_bench wire recording 1 7e59b3a2\n{"driver": "mpu', 'its head cannot be read'),
+        (b'imu_bench wire recording 1 00000000\n{}\n', 'its head cannot be read'),
+        (headed(b'{}'), 'its head cannot be read'),
+        (headed(b'[]'), 'its head cannot be read'),
+        (headed(b'\xff\xfe'), 'its head cannot be read'),
     ],
 )
 def test_what_is_no_wire_recording_is_one_line(tmp_path, content, says):
@@ -110,7 +130,7 @@ def test_cut_off_anywhere_it_plays_what_is_whole(path, tmp_path):
 
 def test_zeros_after_a_power_cut_are_no_damage(path, tmp_path):
     cut = tmp_path / 'cut.wire'
-    cut.write_bytes(path.read_bytes()[: -len(END) - 20] + bytes(4096))
+    cut.write_bytes(path.read_bytes()[: -BLOCK.size - 20] + bytes(4096))
     readings, error = play(cut)
     assert isinstance(error, RecordingOver)
     assert 0 < readings < 40
@@ -118,31 +138,51 @@ def test_zeros_after_a_power_cut_are_no_damage(path, tmp_path):
 
 def test_any_flipped_bit_is_noticed(path, tmp_path):
     content = bytearray(path.read_bytes())
-    begins = content.index(b'\n', 40) + 1
+    begins, ends = content.index(b'\n', 40) + 1, len(content) - BLOCK.size
     bad = tmp_path / 'bad.wire'
-    damaged = 0
-    for place in range(begins, len(content)):
-        content[place] ^= 0x10
-        bad.write_bytes(content)
-        content[place] ^= 0x10
-        readings, error = play(bad)
-        text = str(error)
-        # a length beyond the end looks like a cut
-        assert 'damaged at byte' in text or 'cut off there' in text
-        assert '\n' not in text
-        assert readings < 40 or place >= len(content) - len(END)
-        damaged += 'damaged' in text
-    assert damaged > 0.5 * (len(content) - begins)
+    for place in range(len(content)):
+        for bit in (0x01, 0x10, 0x80):
+            content[place] ^= bit
+            bad.write_bytes(content)
+            content[place] ^= bit
+            readings, error = play(bad)
+            text = str(error)
+            assert '\n' not in text
+            if place < begins:
+                assert readings == 0
+                assert re.search('no wire recording|its format|its head cannot be read', text)
+            elif place < ends:
+                assert readings < 40
+                assert 'damaged at byte' in text
+            else:  # where the mark of the end should be is none
+                assert readings == 40
+                assert 'cut off there (12 bytes unread)' in text
+
+
+@pytest.mark.parametrize('change', [lambda b: [b[0], *b[2:]], lambda b: [b[1], b[0], *b[2:]]])
+def test_a_block_that_is_missing_or_in_another_place_is_noticed(path, change):
+    head, blocks = split(path.read_bytes())
+    path.write_bytes(head + b''.join(change(blocks)))
+    readings, error = play(path)
+    assert readings < 40
+    assert 'damaged at byte' in str(error)
+
+
+def test_blocks_below_another_head_are_noticed(path):
+    head, blocks = split(path.read_bytes())
+    other = head.split(b'\n')[1].replace(b'hardware x', b'hardware y')
+    path.write_bytes(headed(other) + b''.join(blocks))
+    readings, error = play(path)
+    assert (readings, 'damaged at byte' in str(error)) == (0, True)
 
 
 @pytest.mark.parametrize('events', [b'\x7f' * 40, b'\x01\x00', b'\x00\x01'])
 def test_a_block_that_holds_no_events_is_one_line(path, events):
-    content = path.read_bytes()
-    begins = content.index(b'\n', 40) + 1
-    data = zlib.compress(events)
-    path.write_bytes(content[:begins] + BLOCK.pack(len(data), zlib.crc32(data)) + data + END)
+    head, _ = split(path.read_bytes())
+    block, _ = block_of(zlib.compress(events), zlib.crc32(head))
+    path.write_bytes(head + block)
     _, error = play(path)
-    assert f'damaged at byte {begins}' in str(error)
+    assert f'damaged at byte {len(head)}' in str(error)
 
 
 def test_a_request_that_differs_says_where_and_what(path):
@@ -195,10 +235,13 @@ def test_the_bytes_that_are_written_may_differ(tmp_path):
         player.wires[''].write(0x6B, b'\x00')
 
 
-def test_another_version_is_named(path):
-    content = path.read_bytes()
-    path.write_bytes(content.replace(b'"version": "', b'"version": "7.', 1))
-    player = Player(path, SimulatedClock())
+def test_another_version_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(recording, '__version__', '7.0')
+    recorder = recorder_of(tmp_path / 'mine.wire', [WORD])
+    recorder.now_ns()
+    recorder.wires[''].read(0x75, 1)
+    recorder.finish()
+    player = Player(tmp_path / 'mine.wire', SimulatedClock())
     with pytest.raises(RecordingError, match=r'recorded with imu_bench 7\..*that version'):
         player.wires[''].read(0x75, 1)
 
@@ -211,6 +254,15 @@ def test_nothing_is_overwritten(tmp_path):
         recorder.finish()
         assert (tmp_path / name).is_file()
         assert str(tmp_path / name) in recorder.said
+
+
+def test_two_that_begin_at_the_same_moment_get_two_files(tmp_path, monkeypatch):
+    monkeypatch.setattr('pathlib.Path.exists', lambda path: False)  # the other was not there yet
+    for name in ('a.wire', 'a-2.wire'):
+        recorder = recorder_of(tmp_path / 'a.wire', [WORD])
+        recorder.wires[''].read(0x75, 1)
+        recorder.finish()
+        assert (tmp_path / name).is_file()
 
 
 def test_a_file_that_cannot_be_made_is_one_line(tmp_path):

@@ -54,6 +54,14 @@ def test_a_result_is_no_recording(refused, document):
     assert 'export' in line and 'compare' in line
 
 
+def test_a_wire_recording_is_played_not_analysed(refused, tmp_path):
+    path = tmp_path / 'trouble.wire'
+    path.write_bytes(b'imu_bench wire recording 1 00000000\n{}\n')
+    line = refused('analyze', path)
+    assert 'this is a wire recording; play it with sensor_node' in line
+    assert str(path) in line
+
+
 @pytest.mark.parametrize(
     'verb', [('export', '--to', 'kalibr'), ('compare',), ('simulate', '-o', 'x', '--from')]
 )

@@ -48,6 +48,13 @@ class Sensor:
 
 
 @pytest.fixture
+def played(sensor):
+    """Return the sensor as one that plays a recording."""
+    sensor.row.plays = True
+    return sensor
+
+
+@pytest.fixture
 def sensor(recorder, now):
     return Sensor(recorder, now)
 
@@ -59,6 +66,14 @@ def test_a_sensor_that_kept_its_rate(sensor, now):
     assert line.replace('\u202f', ' ') == (
         'tilt: 720 180 messages, kept its rate (200.0 of 200 Hz), nothing lost'
     )
+    assert fault == ''
+
+
+def test_what_was_lost_before_it_began_does_not_show_in_a_rate_that_was_kept(sensor, now):
+    now.s += 4.0
+    sensor.say(1000, lost=80, delivered_hz='180.0')  # of the last ten seconds
+    line, fault = sensor.row.verdict(1000, now.s)
+    assert line.endswith('kept its rate (200.0 of 200 Hz), 80 lost')
     assert fault == ''
 
 
@@ -182,7 +197,7 @@ def test_a_topic_that_ended(topic, now):
 class Running:
     """A recording of one sensor whose processes a test lets end."""
 
-    def __init__(self, sensor, recorder, folder, duration_s):
+    def __init__(self, sensor, recorder, folder, duration_s, begun=True):
         from imu_bench.cli.record_place import Place
         from imu_bench.cli.record_showing import RecordShowing
 
@@ -195,7 +210,8 @@ class Running:
         self.showing = RecordShowing(
             [sensor.row], processes, recorder, place, self.stop, lambda: None
         )
-        self.showing.begin()
+        if begun:
+            self.showing.begin()
 
 
 @pytest.fixture
@@ -242,11 +258,34 @@ def test_the_last_node_that_dies_ends_it(running, now):
     assert running.showing.failure == 'no sensor is left'
 
 
-def test_what_plays_a_recording_ends_by_itself(running, sensor, now):
+def test_a_node_that_somebody_stopped_did_not_keep_its_rate(running, sensor, now):
     now.s += 3.0
     sensor.say(800)
     running.codes['tilt'] = 0
-    assert list(running.showing.look()) == ['0:00:03 tilt: oh']
+    assert list(running.showing.look()) == [
+        '0:00:03 WARNING: tilt ended with exit code 0: oh (its log: x.log)'
+    ]
+    assert running.showing.failure == 'no sensor is left'
+    assert sensor.row.shown()[0] == 'ENDED'
+    fault = sensor.row.verdict(780, now.s + 60.0).fault
+    assert fault == 'tilt ended after 3.00 s (exit code 0)'
+
+
+def test_a_recording_that_is_over_before_others_are_up_is_no_failure(
+    played, recorder, tmp_path, now
+):
+    running = Running(played, recorder, tmp_path, 3600.0, begun=False)
+    running.codes['tilt'] = 0
+    assert list(running.showing.look()) == ['oh']
+    assert list(running.showing.look()) == []
+
+
+def test_what_plays_a_recording_ends_by_itself(running, played, now):
+    sensor = played
+    now.s += 3.0
+    sensor.say(800)
+    running.codes['tilt'] = 0
+    assert list(running.showing.look()) == ['0:00:03 oh']
     assert list(running.showing.look()) == []
     assert running.showing.over(3.0)
     assert running.showing.failure == ''

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import warnings
 
 with warnings.catch_warnings():
@@ -157,6 +158,37 @@ def test_a_run_goes_into_the_folder_where_its_campaign_looks(record, tmp_path):
     result = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert result.returncode == 0, result.stderr
     assert (tmp_path / 'campaign/static/report.html').is_file()
+
+
+def test_who_changes_his_mind_before_it_begins_finds_nothing(record, tmp_path):
+    with record(small_bench(tmp_path, 'scl3300'), '-o', tmp_path / 'bag') as running:
+        deadline = time.monotonic() + 60.0
+        while not (tmp_path / 'bag.log' / 'recorder.log').exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        running.process.terminate()
+        code, _, complaints = running.end()
+    assert (code, complaints.splitlines()[-1]) == (130, 'imu-bench: stopped')
+    assert [path.name for path in tmp_path.iterdir()] == ['small.yaml']
+
+
+def test_a_job_in_the_background_can_be_interrupted_from_its_beginning(tmp_path):
+    bench = small_bench(tmp_path, 'scl3300')
+    command = [sys.executable, '-m', 'imu_bench.cli.main', 'record', bench, '-o', tmp_path / 'bag']
+    with subprocess.Popen(
+        list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),  # as a shell does
+    ) as process:  # fmt: skip
+        try:
+            while 'recording into' not in process.stdout.readline():
+                assert process.poll() is None
+            process.send_signal(signal.SIGINT)
+            _, complaints = process.communicate(timeout=15)
+        finally:
+            process.terminate()
+    assert (process.returncode, complaints.splitlines()[-1]) == (130, 'imu-bench: stopped')
+    assert not (tmp_path / 'bag').exists()
 
 
 def test_a_sensor_that_is_not_there_is_one_line_and_no_bag(record, tmp_path):

@@ -2,10 +2,12 @@
 """A sensor node that records its wire, and one that plays it."""
 
 import json
+import zlib
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from imu_bench import bench
 from imu_bench.bus.recording import read_head, recorder
+from imu_bench.bus.recording.file import BLOCK, block_of
 from imu_bench.config import sensor_from_parameters
 from imu_bench.errors import ConfigError, RecordingError
 from imu_bench.nodes.sensor import SensorNode
@@ -48,10 +50,18 @@ def of_hardware(path):
 
 
 def changed(path, **head):
-    magic, line, blocks = path.read_bytes().split(b'\n', 2)
+    """Write a recording anew, with another head."""
+    _, line, blocks = path.read_bytes().split(b'\n', 2)
     known = json.loads(line)
     known['settings'] |= head.pop('settings', {})
-    path.write_bytes(b'\n'.join([magic, json.dumps(known | head).encode(), blocks]))
+    line = json.dumps(known | head).encode()
+    content = b'imu_bench wire recording 1 %08x\n%s\n' % (zlib.crc32(line), line)
+    crc = zlib.crc32(content)
+    while blocks:
+        end = BLOCK.size + BLOCK.unpack_from(blocks)[0]
+        block, crc = block_of(blocks[BLOCK.size : end], crc)
+        content, blocks = content + block, blocks[end:]
+    path.write_bytes(content)
     return path
 
 

@@ -2,10 +2,12 @@
 """
 The file of a wire recording: two lines of text, then blocks.
 
-The first line says what it is, the second is JSON: the head.  A block is its length and its
-CRC-32 (uint32 each, little endian) and so many bytes, compressed by zlib, that unpack to whole
-events.  A block of length 0 with the CRC-32 of `LAST` ends a recording that was ended in order.
-Of a file that is cut off every whole block is good.
+The first line says what it is, with the CRC-32 of the second, which is JSON: the head.  A block is
+three numbers (uint32, little endian), namely its length, a CRC-32 and the CRC-32 of these two, and
+so many bytes, compressed by zlib, that unpack to whole events.  The CRC-32 of a block goes on from
+that of the block before, the first one from that of the head: no block can be missing, or stand
+in another place.  A block of no bytes, with the CRC-32 of `LAST`, ends a recording that was ended
+in order.  Of a file that is cut off every whole block is good.
 """
 
 from __future__ import annotations
@@ -23,16 +25,15 @@ from imu_bench.errors import os_error_text, RecordingError
 
 MAGIC = b'imu_bench wire recording '
 FORMAT = 1
-BLOCK = struct.Struct('<II')
+BLOCK = struct.Struct('<III')
 LAST = b'end of recording'
-END = BLOCK.pack(0, zlib.crc32(LAST))
 
 BLOCK_BYTES = 1 << 16
 """A block is full with so many bytes before compression."""
 
 _MOST_HEAD = 1 << 16
 _MOST_BLOCK = 1 << 26
-_MOST_TORN = 1 << 20
+_CHUNK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,27 @@ class Head:
 
     def as_bytes(self) -> bytes:
         """Return both lines."""
-        return MAGIC + b'%d\n' % FORMAT + json.dumps(asdict(self)).encode() + b'\n'
+        line = json.dumps(asdict(self)).encode()
+        return MAGIC + b'%d %08x\n%s\n' % (FORMAT, zlib.crc32(line), line)
+
+
+def block_of(data: bytes, before: int) -> tuple[bytes, int]:
+    """
+    Return a block and its CRC-32, from which the next one goes on.
+
+    Parameters
+    ----------
+    data : bytes
+        Compressed events; none for the mark of the end.
+    before : int
+        CRC-32 of the block before, or of the head.
+    """
+    crc = zlib.crc32(data or LAST, before)
+    return _front(len(data), crc) + data, crc
+
+
+def _front(length: int, crc: int) -> bytes:
+    return BLOCK.pack(length, crc, zlib.crc32(struct.pack('<II', length, crc)))
 
 
 def read_head(path: str | Path) -> Head:
@@ -137,7 +158,7 @@ def read_head(path: str | Path) -> Head:
     """
     file = _opened(path)
     with file:
-        return _head(file, path)
+        return _head(file, path)[0]
 
 
 class Reading:
@@ -168,7 +189,7 @@ class Reading:
         self._path = path
         self._file = _opened(path)
         try:
-            self.head = _head(self._file, path)
+            self.head, self._crc = _head(self._file, path)
         except RecordingError:
             self._file.close()
             raise
@@ -201,21 +222,21 @@ class Reading:
 
     def _block(self) -> bytes | None:
         """Return what the next block holds; None at the end, in order or not."""
-        header = self._file.read(BLOCK.size)
-        if header == END:
-            self.whole = True
-            return None
-        if len(header) < BLOCK.size:
-            self.unread = len(header)
-            return None
-        length, crc = BLOCK.unpack(header)
-        data = self._file.read(min(length, _MOST_BLOCK))
-        if len(data) == length > 0 and zlib.crc32(data) == crc:
-            return _unzipped(data)
+        at = self._file.tell()
+        front = self._file.read(BLOCK.size)
+        if len(front) == BLOCK.size:
+            length, crc, _ = BLOCK.unpack(front)
+            if front == _front(length, crc):
+                data = self._file.read(min(length, _MOST_BLOCK))
+                if len(data) == length and zlib.crc32(data or LAST, self._crc) == crc:
+                    self._crc = crc
+                    self.whole = not data
+                    return _unzipped(data) if data else None
         # what was being written when the power went: nothing but zeros comes behind it
-        if len(data) > _MOST_TORN or self._file.read(_MOST_TORN).strip(b'\0'):
-            raise RecordingError('a wrong checksum')
-        self.unread = len(header) + len(data)
+        while chunk := self._file.read(_CHUNK):
+            if chunk.strip(b'\0'):
+                raise RecordingError('a wrong checksum')
+        self.unread = self._file.tell() - at
         return None
 
 
@@ -234,19 +255,24 @@ def _opened(path: str | Path) -> BinaryIO:
         raise RecordingError(os_error_text(error)) from error
 
 
-def _head(file: BinaryIO, path: str | Path) -> Head:
-    first = file.readline(len(MAGIC) + 12)
+def _head(file: BinaryIO, path: str | Path) -> tuple[Head, int]:
+    """Return the head and the CRC-32 of both of its lines."""
+    first = file.readline(len(MAGIC) + 20)
     if not first.startswith(MAGIC):
         raise RecordingError(
             f'{path}: no wire recording; wire_recording: FILE on backend: hardware writes one'
         )
-    if first != MAGIC + b'%d\n' % FORMAT:
+    version = first[len(MAGIC) :].split(b' ')[0].decode(errors='replace').strip()
+    if version != f'{FORMAT}':
         raise RecordingError(
-            f'{path}: its format {first[len(MAGIC) :].strip().decode(errors="replace")} is not '
-            f'{FORMAT}, the one this version reads; play it with the version that wrote it'
+            f'{path}: its format {version} is not {FORMAT}, the one this version reads; play it '
+            'with the version that wrote it'
         )
+    line = file.readline(_MOST_HEAD)
     try:
-        found = json.loads(file.readline(_MOST_HEAD))
+        if first != MAGIC + b'%d %08x\n' % (FORMAT, zlib.crc32(line.rstrip(b'\n'))):
+            raise ValueError('a wrong checksum')
+        found = json.loads(line)
         wires = tuple(WireHead(**wire) for wire in found.pop('wires'))
         head = Head(**found, wires=wires)
         if not all(isinstance(value, str) for value in (head.driver, head.label, head.version)):
@@ -256,4 +282,4 @@ def _head(file: BinaryIO, path: str | Path) -> Head:
         raise RecordingError(
             f'{path}: its head cannot be read; the file was cut off or changed'
         ) from error
-    return head
+    return head, zlib.crc32(first + line)

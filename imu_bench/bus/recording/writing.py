@@ -12,7 +12,7 @@ import time
 from typing import BinaryIO
 import zlib
 
-from imu_bench.bus.recording.file import BLOCK, END
+from imu_bench.bus.recording.file import block_of
 from imu_bench.errors import os_error_text, RecordingError
 
 MOST_WAITING = 256
@@ -61,7 +61,7 @@ class BlockWriter:
     def __init__(self, path: str | Path, head: bytes) -> None:
         self.problem = ''
         self._file, self.path = _new_file(Path(path))
-        self.size = len(head)
+        self.size, self._crc = len(head), zlib.crc32(head)
         self._blocks: SimpleQueue[bytes | None] = SimpleQueue()
         self._synced = time.monotonic()
         self._file.write(head)
@@ -86,18 +86,18 @@ class BlockWriter:
         try:
             with self._file as file:
                 while (block := self._blocks.get()) is not None:
-                    data = zlib.compress(block, _LEVEL)
-                    self._write(file, BLOCK.pack(len(data), zlib.crc32(data)) + data)
+                    self._write(file, zlib.compress(block, _LEVEL))
                 if not self.problem:
-                    self._write(file, END)
+                    self._write(file, b'')
                 os.fsync(file.fileno())
         except OSError as error:
             self.problem = f'{self.path}: ends early, {os_error_text(error)}'
 
     def _write(self, file: BinaryIO, data: bytes) -> None:
-        file.write(data)
+        block, self._crc = block_of(data, self._crc)
+        file.write(block)
         file.flush()
-        self.size += len(data)
+        self.size += len(block)
         if time.monotonic() - self._synced >= SYNC_S:
             os.fsync(file.fileno())
             self._synced = time.monotonic()
@@ -105,14 +105,20 @@ class BlockWriter:
 
 def _new_file(path: Path) -> tuple[BinaryIO, Path]:
     """Make a file that was not there, with a number if need be."""
-    made = path
+    made, numbers = path, count(2)
     try:
-        for number in count(2):
-            if not made.exists():
-                break
-            made = path.with_name(f'{path.stem}-{number}{path.suffix}')
-        return made.open('xb'), made
+        while (file := _opened_new(made)) is None:
+            made = path.with_name(f'{path.stem}-{next(numbers)}{path.suffix}')
+        return file, made
     except OSError as error:
         raise RecordingError(
             f'wire_recording: {os_error_text(error)}; name a file in a folder that may be written'
         ) from error
+
+
+def _opened_new(path: Path) -> BinaryIO | None:
+    """Make a file; None if there is one, even one that somebody else has made just now."""
+    try:
+        return path.open('xb')
+    except FileExistsError:
+        return None
