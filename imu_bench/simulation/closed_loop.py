@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import math
 
 from imu_bench.metrology import allan, coefficients, statistics
-from imu_bench.metrology.deviations.averaging import averaging_factors
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.spectra import spectrum
 from imu_bench.metrology.stamps import timing
@@ -24,9 +23,6 @@ from imu_bench.simulation.sensor_errors import Array
 from scipy.stats import binom
 
 CONFIDENCE = 0.95
-
-SETTLED = 20.0
-"""Periods of a sensor's low-pass after which it takes 0.6 % from the Allan deviation, or less."""
 
 SURE = 1e-3
 """Chance of calling a right analysis wrong, per parameter of a sensor."""
@@ -96,9 +92,9 @@ def check(source: SensorSource, run: Samples) -> Iterator[Check]:
     """
     Yield every parameter of a source that a recording at rest must give back.
 
-    The noise coefficients where the resolution does not hide them, from averaging times that
-    the sensor's low-pass leaves alone; the offset where no slow noise moves it; of a sensor
-    without constant values the noise density of its spectrum; and the output rate.
+    The noise coefficients where the resolution does not hide them, from the whole curve as
+    `imu-bench analyze` takes it; the offset where no slow noise moves it; of a sensor without
+    constant values the noise density of its spectrum; and the output rate.
 
     Parameters
     ----------
@@ -131,9 +127,7 @@ def _axis(
         return
     if not rounding_shows_noise(errors, axis, rate):
         return
-    taus = averaging_factors(values.size, 'log', rate) / rate
-    settled = taus[taus >= SETTLED / float(errors.low_pass[axis])]
-    model = coefficients.fit(allan.deviation(values, rate, unit=quantity.unit, tau=settled))
+    model = coefficients.fit(allan.deviation(values, rate, unit=quantity.unit))
     went_in = expected_coefficients(errors, axis, rate, ideal)
     for term, truth in went_in.items():
         parameter = term if truth else f'no {term}'
