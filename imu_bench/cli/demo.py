@@ -16,7 +16,7 @@ from typing import Any, TYPE_CHECKING
 from imu_bench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from imu_bench.cli.live_test import LiveTest
+    from imu_bench.cli.trial import LiveTest
     from imu_bench.config import BenchConfig
     from imu_bench.nodes.bench_monitor import BenchMonitor
     from imu_bench.nodes.processes import BenchProcesses
@@ -124,7 +124,7 @@ def kinds(bench: BenchConfig) -> str:
 
 def _live_test(bench: BenchConfig, args: argparse.Namespace, most_s: float) -> LiveTest | None:
     """Return what moves the bench; None if it stands still as its sensors' files say."""
-    from imu_bench.cli.live_test import of_scenario, of_test
+    from imu_bench.cli.trial import of_scenario, of_test
 
     if args.scenario:
         return of_scenario(args.scenario, (), most_s)

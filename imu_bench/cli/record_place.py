@@ -50,7 +50,7 @@ def choose(arguments: argparse.Namespace, bench: BenchConfig | None) -> Place:
     ConfigError
         If the options do not go together, there is no such test or run, or the place is taken.
     """
-    from imu_bench.cli.live_test import plan_arguments
+    from imu_bench.cli.trial import plan_arguments
 
     _refuse_what_does_not_fit(arguments, bench)
     test = bench.test(arguments.test) if bench and arguments.test else None

@@ -2,7 +2,7 @@
 """What `imu-bench demo --test` and `--scenario` make of a bench, without any process."""
 
 from imu_bench import bench
-from imu_bench.cli.live_test import NOT_YET, of_scenario, of_test
+from imu_bench.cli.trial import NOT_YET, of_scenario, of_test
 from imu_bench.config.location import named_file
 from imu_bench.errors import ConfigError
 from imu_bench.simulation.scenario import load_scenario
