@@ -32,6 +32,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         *share('config/**/*.yaml'),
+        *share('config/**/*.xml'),
         *share('launch/*_launch.py'),
     ],
     python_requires='>=3.10',
@@ -46,6 +47,7 @@ setup(
         'bokeh>=3.4',
         'Jinja2>=3.1',
         'rich>=13',
+        'argcomplete>=3.1',
         'smbus2>=0.4; sys_platform == "linux"',
         'pyserial>=3.5; sys_platform == "linux"',
         'python-periphery>=2.4; sys_platform == "linux"',
@@ -53,6 +55,7 @@ setup(
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
         'figures': ['matplotlib>=3.8'],
+        'notebook': ['pandas>=2.0', 'xarray>=2023.6', 'matplotlib>=3.8'],
         'cluster': ['distributed>=2024.1'],
         'daqhats': ['daqhats>=1.4'],  # MCC 172; its C library comes from the maker
         'test': [
@@ -62,13 +65,16 @@ setup(
             'hypothesis>=6.90',
             'ruff>=0.12',
             'mypy>=1.16',
-            'import-linter>=2.1',
+            'import-linter>=2.5',
             'types-PyYAML',
             'allantools==2024.6',
             'distributed>=2024.1',
             'mcap-ros2-support>=0.5',
+            'pandas>=2.0',
+            'xarray>=2023.6',
             'cyclonedds==11.0.1',
             'colcon-common-extensions',
+            'pypdfium2>=4',
             'setuptools<80',  # colcon builds ament_python packages with setup.py develop
         ],
     },
@@ -82,6 +88,7 @@ setup(
         'console_scripts': [
             'imu-bench = imu_bench.cli.main:main',
             'sensor_node = imu_bench.nodes.sensor_node:main',
+            'bench_node = imu_bench.nodes.bench_node:main',
             'analysis_node = imu_bench.nodes.analysis_node:main',
             'recorder_node = imu_bench.nodes.recorder_node:main',
             *(f'{sensor}_node = imu_bench.nodes.sensor_node:main' for sensor in SENSORS),

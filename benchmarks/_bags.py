@@ -52,8 +52,7 @@ def write_bag(
     sigma = np.array([0.02] * 3 + [0.002] * 3)
     bias = rng.normal(size=(sensors, 6)) * np.array([0.3] * 3 + [0.01] * 3)
     bias[:, 2] += 9.80665
-    compressed = {'compression': compression} if storage == 'mcap' else {}
-    with BagWriter(path, storage, **compressed) as bag:
+    with BagWriter(path, storage, compression=compression) as bag:
         for k in range(sensors):
             bag.add_topic(describe(topic(k), _TYPE))
         for first in range(0, samples, _SLICE):

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+import random
 from typing import Any
 
 from imu_bench.bags.topic_info import TopicInfo
@@ -20,30 +21,73 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from scipy.io import savemat
 
 from benchmarks._fuzz_content import Content
+from benchmarks._fuzz_damage import damaged
 
 _IMU = 'sensor_msgs/msg/Imu'
 _STATE = 'my_msgs/msg/State'
 _STATE_TEXT = 'uint64 count\nsensor_msgs/Imu imu\n'
 _COUNT = b'\0\1\0\0\7' + bytes(7)
 _G = 9.80665
-_UNITS = ('--units', 'linear_acceleration=m/s^2,angular_velocity=rad/s')
-_COLUMNS = ('--columns', 'ax,ay,az,gx,gy,gz', '--rate', '100')
+UNITS = ('--units', 'linear_acceleration=m/s^2,angular_velocity=rad/s')
+COLUMNS = ('--columns', 'ax,ay,az,gx,gy,gz', '--rate', '100')
 _AXES = tuple(f'{q}.{a}' for q in ('linear_acceleration', 'angular_velocity') for a in 'xyz')
+
+
+Harm = Callable[[list[Path], random.Random], None]
+Command = Callable[[Path, Path, random.Random], list[str]]
+
+
+def harm_bytes(files: list[Path], rng: random.Random) -> None:
+    """Damage one or two files as bytes; now and then one is gone."""
+    for _ in range(rng.choice((1, 1, 2))):
+        file = rng.choice(files)
+        file.write_bytes(damaged(file.read_bytes(), rng))
+    if len(files) > 1 and rng.random() < 0.1:
+        rng.choice(files).unlink()
+
+
+def analyze(path: Path, out: Path, rng: random.Random) -> list[str]:
+    """Return the arguments of an analysis."""
+    outputs = [f'--{kind}={out / f"r.{kind}"}' for kind in ('json', 'html')]
+    return ['analyze', str(path), '--jobs', '1', *outputs]
 
 
 @dataclass(frozen=True)
 class Format:
-    """How a file is written, what the user has to say, and recordings it can fall into."""
+    """
+    One kind of input.
+
+    Attributes
+    ----------
+    write : callable
+        Writes it into a folder and returns the path that is given to the command.
+    options : tuple of str
+        What the user has to say beside that.
+    recordings : int
+        How many recordings it can fall into, each with its error line.
+    harm : callable
+        Damages the files.
+    command : callable
+        Returns the arguments of `imu-bench`, given the path and a folder for outputs.
+    counted : bool
+        Whether the samples of the content must be found, or said to be missing.
+    text : str
+        What `_fuzz_witness.owed` has to know.
+    """
 
     write: Callable[[Path, Content], Path]
     options: tuple[str, ...] = ()
     recordings: int = 1
+    harm: Harm = harm_bytes
+    command: Command = analyze
+    counted: bool = True
+    text: str = ''
 
 
 def _mcap(**options: Any) -> Callable[[Path, Content], Path]:
     def write(folder: Path, content: Content) -> Path:
         path = folder / 'a.mcap'
-        writer = McapWriter(str(path), chunk_size=16384, **options)
+        writer: Any = McapWriter(str(path), chunk_size=16384, **options)
         writer.start('ros2')
         schema = writer.register_schema(_IMU, 'ros2msg', b'')
         channel = writer.register_channel('/imu', 'cdr', schema)
@@ -190,12 +234,12 @@ FORMATS: dict[str, Format] = {
     'ROS 1': Format(_rosbag1('')),
     'ROS 1 bz2': Format(_rosbag1('BZ2')),
     'ROS 1 lz4': Format(_rosbag1('LZ4')),
-    'native CSV': Format(_native),
-    'spreadsheet CSV': Format(_foreign, ('--rate', '100', *_UNITS)),
-    'Murata MEMS Demo': Format(_murata, recordings=2),
-    'SmartMotion': Format(_smart_motion, ('--rate', '100', *_UNITS)),
-    'npy': Format(_npy, (*_COLUMNS, *_UNITS)),
-    'npz': Format(_npz, _UNITS),
+    'native CSV': Format(_native, text='stamps'),
+    'spreadsheet CSV': Format(_foreign, ('--rate', '100', *UNITS), text='lines'),
+    'Murata MEMS Demo': Format(_murata, recordings=2, text='stamps'),
+    'SmartMotion': Format(_smart_motion, ('--rate', '100', *UNITS), text='stamps'),
+    'npy': Format(_npy, (*COLUMNS, *UNITS)),
+    'npz': Format(_npz, UNITS),
     'folder of npy': Format(_npy_folder, recordings=2),
-    'MATLAB': Format(_matlab, _UNITS),
+    'MATLAB': Format(_matlab, UNITS),
 }

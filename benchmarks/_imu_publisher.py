@@ -35,8 +35,9 @@ SIGMA = 0.02
 def main(topic: str, rate_hz: float, seconds: float) -> int:
     """Publish; see the module."""
     rclpy.init(args=[])
-    node = rclpy.create_node('imu_publisher')
-    matched: Any = Future()
+    node: Any = rclpy.create_node('imu_publisher')
+    make_future: Any = Future  # rclpy of Jazzy has few type hints
+    matched = make_future()
     publisher = node.create_publisher(
         Imu,
         topic,

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A program run and watched: seconds, and the most memory that it and its children held."""
+"""Programs watched: seconds, processor time, and the most memory of one and its children."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+import os
 from pathlib import Path
 import subprocess
 import threading
@@ -11,6 +12,11 @@ import time
 from typing import Any, NamedTuple
 
 _WATCH_S = 0.05
+
+
+def gigabytes(folder: Path) -> float:
+    """Return GB in a folder."""
+    return sum(file.stat().st_size for file in folder.rglob('*') if file.is_file()) / 1e9
 
 
 class Measured(NamedTuple):
@@ -35,7 +41,7 @@ def run(command: Sequence[str], *, watched: bool = True, **options: Any) -> Meas
     def watch() -> None:
         nonlocal peak
         while not done.wait(_WATCH_S):
-            peak = max(peak, sum(map(_proportional_set, _family(process.pid))))
+            peak = max(peak, sum(map(proportional_set, family(process.pid))))
 
     watcher = threading.Thread(target=watch)
     if watched:
@@ -52,7 +58,7 @@ def run(command: Sequence[str], *, watched: bool = True, **options: Any) -> Meas
     return Measured(seconds, peak)
 
 
-def _family(root: int) -> list[int]:
+def family(root: int) -> list[int]:
     """Return a process and all that descend from it."""
     parents: dict[int, list[int]] = {}
     for status in Path('/proc').glob('[0-9]*/stat'):
@@ -67,9 +73,18 @@ def _family(root: int) -> list[int]:
     return found
 
 
-def _proportional_set(pid: int) -> int:
+def proportional_set(pid: int) -> int:
     try:
         lines = Path(f'/proc/{pid}/smaps_rollup').read_text().splitlines()
     except OSError:
         return 0
     return sum(int(line.split()[1]) for line in lines if line.startswith('Pss:')) * 1024
+
+
+def cpu_seconds(pid: int) -> float:
+    """Return what a process and all below it have used so far: utime and stime of proc(5)."""
+    ticks = 0
+    for process in family(pid):
+        fields = Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()
+        ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf('SC_CLK_TCK')

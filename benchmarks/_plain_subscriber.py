@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 import sys
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -25,7 +26,7 @@ class PlainSubscriber(Node):
         self.create_timer(1.0, self._look)
 
     def _look(self) -> None:
-        for topic in discovery.find(self, discovery.IMU_TYPE, discovery.IMU_TOPIC):
+        for topic in discovery.find(self, 'sensor_msgs/msg/Imu', 'imu/data_raw'):
             if topic not in self._received:
                 self._received[topic] = 0
                 # as deep as the node it is compared with, so that only the executor differs
@@ -37,7 +38,7 @@ class PlainSubscriber(Node):
         ]
         self._diagnostics.publish(building.diagnostic_array(0, statuses))
 
-    def _counter(self, topic: str):
+    def _counter(self, topic: str) -> Callable[[Imu], None]:
         def count(message: Imu) -> None:
             self._received[topic] += 1
 

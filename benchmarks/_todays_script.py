@@ -2,8 +2,7 @@
 """
 What a user would write today: loop over the bag with rosbags, deviation with allantools.
 
-Run as ``python -m benchmarks._todays_script BAG OUTPUT.json [TAU,TAU,...]``; without averaging
-times it stops when the columns are there.
+Run as ``python -m benchmarks._todays_script BAG OUTPUT.json TAU,TAU,...``.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 import sys
+from typing import Any
 
 import allantools
 import numpy as np
@@ -25,7 +25,7 @@ def read(bag: Path) -> dict[str, np.ndarray]:
     with AnyReader([bag]) as reader:
         connections = [c for c in reader.connections if c.msgtype == IMU]
         for connection, _, raw in reader.messages(connections=connections):
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             stamp = message.header.stamp
             acceleration, rate = message.linear_acceleration, message.angular_velocity
             rows.setdefault(connection.topic, []).append(
@@ -43,7 +43,7 @@ def main(bag: Path, output: Path, taus: list[float]) -> None:
     results: dict[str, list[dict[str, object]]] = {}
     for topic, table in read(bag).items():
         rate_hz = (len(table) - 1) / (table[-1, 0] - table[0, 0])
-        for column in table.T[1:] if taus else ():
+        for column in table.T[1:]:
             tau, deviation, _, _ = allantools.oadev(
                 column, rate=rate_hz, data_type='freq', taus=taus
             )
@@ -59,8 +59,4 @@ def main(bag: Path, output: Path, taus: list[float]) -> None:
 
 
 if __name__ == '__main__':
-    main(
-        Path(sys.argv[1]),
-        Path(sys.argv[2]),
-        [float(tau) for text in sys.argv[3:] for tau in text.split(',')],
-    )
+    main(Path(sys.argv[1]), Path(sys.argv[2]), [float(tau) for tau in sys.argv[3].split(',')])

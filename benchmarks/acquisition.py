@@ -11,18 +11,17 @@ anew for each sample around the means shown.
 
 Then the cost on the host: what the drivers read in one minute is played back from memory, so
 that only driver and acquisition work.
-
-Run as ``python -m benchmarks.acquisition [minutes of bench time]``.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
 import heapq
+import math
 import sys
 import time
+from typing import Any, NamedTuple
 
 from imu_bench.acquisition import Acquisition
 from imu_bench.drivers import load
@@ -32,11 +31,14 @@ from imu_bench.samples import Samples
 from imu_bench.simulation.clock import SimulatedClock
 import numpy as np
 
+from benchmarks._frame import Benchmark
+
 SECOND = 1_000_000_000
-MINUTES = 10.0
 SENSORS = {'mpu9250': 0.004, 'lsm303dlhc': 0.02}
 PUBLISHING_S = (0.3e-3, 0.6e-3)
 CHUNK = 4096
+COST_US = 12.5
+"""Eight sensors at 1 kHz are then a tenth of a core."""
 
 # status register and bit, first data register, bytes: as a loop without FIFO reads them
 POLLED = {'mpu9250': (0x3A, 0x01, 0x3B, 14), 'lsm303dlhc': (0x27, 0x08, 0x28, 6)}
@@ -46,10 +48,11 @@ class Source:
     """White noise at an exact rate, from a table: the chip's own work shall not cost much."""
 
     def __init__(self, clock: SimulatedClock, rate_error: float) -> None:
+        self.nominal_hz = 1000.0
         self._rate_error = rate_error
         self._table = np.random.default_rng(1).normal(size=(2 * CHUNK, 3))
         self.total = 0
-        self.restart(clock.now_ns(), 1000.0)
+        self.restart(clock.now_ns())
 
     def restart(self, t_ns: int, nominal_hz: float | None = None) -> None:
         self.nominal_hz = nominal_hz or self.nominal_hz
@@ -74,14 +77,14 @@ class Source:
 class Tape:
     """Passes a bus through and keeps what it answered, or plays that back."""
 
-    def __init__(self, bus: object, clock: SimulatedClock) -> None:
+    def __init__(self, bus: Any, clock: SimulatedClock) -> None:
         self.name = bus.name
         self._bus = bus
         self._clock = clock
         self.answers: list[tuple[bytes, int]] = []
 
     def read(self, register: int, length: int) -> bytes:
-        data = self._bus.read(register, length)
+        data: bytes = self._bus.read(register, length)
         self.answers.append((data, self._clock.now_ns()))
         return data
 
@@ -113,8 +116,7 @@ class Playback:
         pass
 
 
-@dataclass
-class Row:
+class Row(NamedTuple):
     """What came of one sensor."""
 
     name: str
@@ -122,12 +124,12 @@ class Row:
     delivered: int
     note: str
 
-    def __str__(self) -> str:
-        lost = self.made - self.delivered
-        return (
-            f'  {self.name:11}{self.made:11,}{self.delivered:11,}{lost:9,}'
-            f'{lost / self.made:9.2%}   {self.note}'
-        )
+
+def show(bench: Benchmark, title: str, rows: list[Row]) -> None:
+    bench.head('sensor', 'made', 'delivered', 'lost', 'share', '', title=title)
+    for name, made, delivered, note in rows:
+        lost = made - delivered
+        bench.row(name, f'{made:,}', f'{delivered:,}', f'{lost:,}', f'{lost / made:.2%}', note)
 
 
 Loop = tuple[int, Callable[[], int]]
@@ -146,7 +148,7 @@ def together(clock: SimulatedClock, loops: list[Loop], until_ns: int) -> None:
 
 def powered(
     clock: SimulatedClock, names: Iterable[str] = SENSORS
-) -> dict[str, tuple[Source, dict[str, object]]]:
+) -> dict[str, tuple[Source, Mapping[str, Any]]]:
     """Return source and buses of each sensor, on one line."""
     line = Line(clock, Timing.i2c(400e3))
     made = {}
@@ -160,7 +162,7 @@ def powered(
 class Bursts:
     """A driver with its acquisition, and what came out of it."""
 
-    def __init__(self, clock: SimulatedClock, name: str, source: Source, buses: object) -> None:
+    def __init__(self, clock: SimulatedClock, name: str, source: Source, buses: Any) -> None:
         self.name = name
         self._clock = clock
         self._source = source
@@ -208,7 +210,7 @@ def with_drivers(seconds: float) -> list[Row]:
 
 
 def polling(
-    clock: SimulatedClock, name: str, bus: object, publishing_s: float, counts: Counter[str]
+    clock: SimulatedClock, name: str, bus: Any, publishing_s: float, counts: Counter[str]
 ) -> Callable[[], int]:
     """Return one pass of a loop without FIFO."""
     status, ready, first, length = POLLED[name]
@@ -246,14 +248,14 @@ def with_polling(seconds: float, publishing_s: float) -> list[Row]:
     ]
 
 
-def host_cost(name: str, seconds: float = 60.0) -> tuple[float, float]:
+def host_cost(name: str, seconds: float) -> tuple[float, float]:
     """Return µs per sample of driver plus acquisition, and samples per reading."""
     clock = SimulatedClock()
     _, buses = powered(clock, [name])[name]
     tapes = {part: Tape(bus, clock) for part, bus in buses.items()}
     start_ns = clock.now_ns()
     run(Acquisition(load(name)(tapes, clock, {}), clock), start_ns, seconds)
-    best, samples = np.inf, 0
+    best, samples = math.inf, 0
     for _ in range(3):
         clock = SimulatedClock(start_ns)
         bus = {part: Playback(tape, clock) for part, tape in tapes.items()}
@@ -272,21 +274,26 @@ def run(acquisition: Acquisition, start_ns: int, seconds: float) -> None:
         acquisition.drain()
 
 
-def main() -> None:
-    minutes = float(sys.argv[1]) if len(sys.argv) > 1 else MINUTES
-    seconds = 60.0 * minutes
-    head = f'  {"":11}{"made":>11}{"delivered":>11}{"lost":>9}{"":>9}'
-    print(f'{minutes:g} min on one I²C line of 400 kHz\n')
-    print(f'FIFO bursts, driver and acquisition\n{head}')
-    print(*with_drivers(seconds), sep='\n')
+def main() -> int:
+    bench = Benchmark(__doc__)
+    bench.add_size('--minutes', 10.0, quick=0.05, help='bench time')
+    bench.add_size('--tape', 60.0, quick=2.0, help='seconds that are played back')
+    options = bench.start()
+    rows = with_drivers(60.0 * options.minutes)
+    show(bench, 'FIFO bursts, driver and acquisition', rows)
+    for row in rows:
+        bench.claim(f'{row.name}: lost', row.made - row.delivered, at_most=0, unit='samples')
     for publishing_s in PUBLISHING_S:
-        print(f'\npolling loop, busy for {publishing_s * 1e3:g} ms per sample\n{head}')
-        print(*with_polling(seconds, publishing_s), sep='\n')
-    print('\nhost cost of driver plus acquisition, without the bus')
+        title = f'polling loop, busy for {publishing_s * 1e3:g} ms per sample'
+        show(bench, title, with_polling(60.0 * options.minutes, publishing_s))
+    title = 'host cost of driver plus acquisition, without the bus'
+    bench.head('sensor', 'µs per sample', 'samples per reading', title=title)
     for name in (*SENSORS, 'lsm9ds1'):
-        cost, burst = host_cost(name)
-        print(f'  {name:11}{cost:6.2f} µs per sample, {burst:.1f} samples per reading')
+        cost, burst = host_cost(name, options.tape)
+        bench.row(name, f'{cost:.2f}', f'{burst:.1f}')
+        bench.claim(f'{name}: driver and acquisition', cost, at_most=COST_US, unit='µs per sample')
+    return bench.done()
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())

@@ -3,36 +3,40 @@
 How fast is the overlapped Allan deviation, side by side with allantools in one run?
 
 Every round times all of them, one after the other; the claim is the median of the ratios,
-not the seconds.  Run as ``python -m benchmarks.allan [samples]`` on an otherwise idle machine.
+not the seconds: run it on an otherwise idle machine.  Ours includes noise types, degrees of
+freedom and intervals, theirs has none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-import os
-import statistics
+from functools import partial
+from statistics import median
 import sys
 import time
 import tracemalloc
-
-# one core means one core for the linear algebra library as well; read when numpy is imported
-os.environ.setdefault('OMP_NUM_THREADS', '1')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+from typing import Literal
 
 import allantools
 from imu_bench.metrology import allan
+from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.deviations.averaging import decimation
 from imu_bench.metrology.deviations.greenhall import covariance
 import numpy as np
+import numpy.typing as npt
 
-SAMPLES = 10_000_000
+from benchmarks._frame import Benchmark
+
+FloatArray = npt.NDArray[np.float64]
+Overlap = Literal['full', 'auto']
+
 RATE = 200.0
 ROUNDS = 5
 
 BASE = f'allantools {allantools.__version__}'
 QUARTER = 'a quarter of the samples'
 
-WAYS = (
+WAYS: tuple[tuple[str, Overlap, int, float], ...] = (
     ('full overlap, one core', 'full', 1, 3.0),
     ('full overlap, four cores', 'full', 4, 8.0),
     ('default, one core', 'auto', 1, 12.0),
@@ -59,7 +63,7 @@ def extra_memory(work: Callable[[], object]) -> int:
     return peak - before
 
 
-def efficiency(m: np.ndarray, samples: int) -> float:
+def efficiency(m: npt.NDArray[np.int64], samples: int) -> float:
     """Return the least statistical efficiency of decimated starting points, for white noise."""
     overlaps = set((m / decimation(m, samples))[decimation(m, samples) > 1].tolist())
     return 1.0 / max(_scatter(overlap) / _scatter(1000.0) for overlap in overlaps)
@@ -72,95 +76,69 @@ def _scatter(overlap: float) -> float:
     return float(squares[0] + 2.0 * squares[1:].sum()) / overlap
 
 
-def met(good: bool) -> str:
-    """Return what stands behind a line."""
-    return 'met' if good else 'NOT MET'
-
-
-def ours(data: np.ndarray, tau: np.ndarray, overlap: str, threads: int) -> allan.DeviationCurve:
+def ours(data: FloatArray, tau: FloatArray, overlap: Overlap, threads: int) -> DeviationCurve:
     """Return the deviation as this package computes it."""
     return allan.deviation(data, RATE, tau=tau, overlap=overlap, threads=threads)
 
 
-def theirs(data: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return what allantools computes: averaging times, deviations, errors, counts."""
-    return allantools.oadev(data, rate=RATE, data_type='freq', taus=tau)
+def theirs(data: FloatArray, tau: FloatArray) -> FloatArray:
+    """Return the deviations that allantools computes."""
+    deviations: FloatArray = allantools.oadev(data, rate=RATE, data_type='freq', taus=tau)[1]
+    return deviations
 
 
-def times(data: np.ndarray, tau: np.ndarray) -> dict[str, list[float]]:
+def times(data: FloatArray, tau: FloatArray) -> dict[str, list[float]]:
     """Return seconds per round of allantools, of a quarter of the data, and of each of `WAYS`."""
     taken: dict[str, list[float]] = {name: [] for name in (BASE, QUARTER, *(w[0] for w in WAYS))}
     for _ in range(ROUNDS):
-        taken[BASE].append(seconds(lambda: theirs(data, tau)))
-        taken[QUARTER].append(seconds(lambda: ours(data[: data.size // 4], tau, 'full', 1)))
+        taken[BASE].append(seconds(partial(theirs, data, tau)))
+        taken[QUARTER].append(seconds(partial(ours, data[: data.size // 4], tau, 'full', 1)))
         for name, overlap, threads, _ in WAYS:
-            taken[name].append(seconds(lambda o=overlap, t=threads: ours(data, tau, o, t)))
+            taken[name].append(seconds(partial(ours, data, tau, overlap, threads)))
     return taken
 
 
-def show_times(taken: dict[str, list[float]]) -> bool:
-    """Print how much faster each way is; return whether all are as fast as asked."""
-    print('| overlapped Allan deviation | s | times faster, median (range) | asked | |')
-    print('|---|---|---|---|---|')
-    print(f'| {BASE} | {statistics.median(taken[BASE]):.3f} | 1 | | |')
-    good = True
-    for name, _, _, asked in WAYS:
-        ratios = [a / b for a, b in zip(taken[BASE], taken[name], strict=True)]
-        ratio = statistics.median(ratios)
-        good &= ratio >= asked
-        print(
-            f'| {name} | {statistics.median(taken[name]):.3f} '
-            f'| {ratio:.1f} ({min(ratios):.1f} to {max(ratios):.1f}) | {asked:.0f} '
-            f'| {met(ratio >= asked)} |'
-        )
-    return good
-
-
-def accuracy(data: np.ndarray, tau: np.ndarray) -> tuple[float, float]:
+def accuracy(data: FloatArray, tau: FloatArray) -> tuple[float, float]:
     """Return the largest differences: full overlap against allantools, default against full."""
-    expected = theirs(data, tau)[1]
     full, default = ours(data, tau, 'full', 1), ours(data, tau, 'auto', 4)
     below = full.m < data.size / 10
-    exact = float(np.max(np.abs(full.deviation / expected - 1.0)))
+    exact = float(np.max(np.abs(full.deviation / theirs(data, tau) - 1.0)))
     return exact, float(np.max(np.abs(default.deviation / full.deviation - 1.0)[below]))
 
 
-def show_claims(data: np.ndarray, tau: np.ndarray, taken: dict[str, list[float]]) -> bool:
-    """Print what else is claimed; return whether it holds."""
-    exact, near = accuracy(data, tau)
-    lost = 1 - efficiency(allan.averaging_factors(data.size), data.size)
-    held = max(extra_memory(lambda o=o: ours(data, tau, o, 4)) for o in ('full', 'auto'))
-    pairs = zip(taken[WAYS[0][0]], taken[QUARTER], strict=True)
-    claims = (
-        ('full overlap against allantools, largest difference', exact, 1e-9),
-        ('default against full overlap, largest difference below N/10', near, 0.01),
-        ('statistical efficiency the default gives up, white noise', lost, 0.01),
-        ('extra memory, in copies of one axis', held / data.nbytes, 2.0),
-        (
-            'time for four times the samples, the same averaging times',
-            statistics.median(a / b for a, b in pairs),
-            6.0,
-        ),
-    )
-    print('\n| claim | measured | at most | |\n|---|---|---|---|')
-    for name, value, most in claims:
-        print(f'| {name} | {value:.2g} | {most:g} | {met(value <= most)} |')
-    return all(value <= most for _, value, most in claims)
-
-
-def main(samples: int = SAMPLES) -> int:
-    """Print the tables; return 1 if a claim does not hold."""
+def main() -> int:
+    bench = Benchmark(__doc__)
+    bench.add_size('--samples', 10_000_000, quick=1_000_000, help='length of the record')
+    samples = bench.start().samples
     data = np.random.default_rng(0).normal(size=samples) + 9.81
     tau = allan.averaging_factors(samples) / RATE
-    print(f'{samples:.0e} samples, {tau.size} averaging times to a third of the record;')
-    print(f'cores: {len(os.sched_getaffinity(0))}, load before: {os.getloadavg()[0]:.1f}')
-    print('ours includes noise types, degrees of freedom and intervals, theirs has none\n')
     theirs(data, tau)  # the first call of each pays for what is set up once
     ours(data, tau, 'full', 1)
     taken = times(data, tau)
-    fast = show_times(taken)
-    return 0 if show_claims(data, tau, taken) and fast else 1
+    bench.head(
+        'overlapped Allan deviation', 's', 'times faster (range)',
+        title=f'{tau.size} averaging times to a third of the record',
+    )  # fmt: skip
+    bench.row(BASE, f'{median(taken[BASE]):.3f}', 1)
+    for name, _, _, asked in WAYS:
+        ratios = [a / b for a, b in zip(taken[BASE], taken[name], strict=True)]
+        ratio = median(ratios)
+        spread = f'{ratio:.1f} ({min(ratios):.1f} to {max(ratios):.1f})'
+        bench.row(name, f'{median(taken[name]):.3f}', spread)
+        bench.claim(f'{name}: times faster than allantools', ratio, at_least=asked)
+
+    exact, near = accuracy(data, tau)
+    bench.claim('full overlap against allantools, largest difference', exact, at_most=1e-9)
+    bench.claim('default against full overlap below N/10, largest difference', near, at_most=0.01)
+    lost = 1 - efficiency(allan.averaging_factors(samples), samples)
+    bench.claim('efficiency the default gives up, white noise', lost, at_most=0.01)
+    held = max(extra_memory(partial(ours, data, tau, overlap, 4)) for overlap in ('full', 'auto'))
+    bench.claim('extra memory', held / data.nbytes, at_most=2.0, unit='copies of one axis')
+    pairs = zip(taken[WAYS[0][0]], taken[QUARTER], strict=True)
+    longer = median(a / b for a, b in pairs)
+    bench.claim('time for four times the samples', longer, at_most=6.0, unit='times as long')
+    return bench.done()
 
 
 if __name__ == '__main__':
-    sys.exit(main(int(float(sys.argv[1])) if len(sys.argv) > 1 else SAMPLES))
+    sys.exit(main())

@@ -3,63 +3,71 @@
 How well do the methods find N, B and K?  Monte Carlo with known truth, fixed seeds.
 
 Every record is 2.9 h at 100 Hz of white noise, rate random walk and, in the second half of the
-table, flicker noise.  Each method gets the same records.  Run as
-``python -m benchmarks.coefficients [runs]``.
+table, flicker noise.  Each method gets the same records; ours is all that
+`imu-bench analyze` does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+import json
 import sys
-import time
+from typing import Any
 
 from imu_bench.metrology import allan, coefficients, whittle
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.fitting.noise_model import NoiseModel, variance_basis
 import numpy as np
+import numpy.typing as npt
 from scipy import fft, optimize
 
-SAMPLES = 2**20
+from benchmarks._analyzed import analyzed, AXIS
+from benchmarks._frame import Benchmark
+from benchmarks._parts import Parts
+from benchmarks.coverage import power_law
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+Found = dict[str, dict[str, Any]]
+"""Value, whether reported, and whether its interval held the truth, each by term."""
+
+TERMS = 'QNBK'
 RATE_HZ = 100.0
 TRUTHS = ({'N': 2.5e-3, 'B': 0.0, 'K': 7e-5}, {'N': 2.5e-3, 'B': 6e-4, 'K': 7e-5})
-RUNS = 200
 
-FIT = 'this package: weighted fit'
+OURS = 'imu-bench analyze'
 REFERENCE = 'non-negative LS, weights from the model, terms given'
 PLAIN = 'non-negative LS, weights 1/variance'
-WHITTLE = 'this package: Whittle likelihood'
+WHITTLE = 'Whittle likelihood, terms given'
 TANGENT = 'slope tangent (MATLAB example)'
-METHODS = (FIT, REFERENCE, PLAIN, WHITTLE, TANGENT)
+METHODS = (OURS, REFERENCE, PLAIN, WHITTLE, TANGENT)
 
 
 @dataclass
 class Outcome:
     """What one method found: values by term, one per run, and what its intervals held."""
 
-    values: dict[str, list[float]] = field(default_factory=lambda: {t: [] for t in 'NBK'})
-    covered: dict[str, list[bool]] = field(default_factory=lambda: {t: [] for t in 'NBK'})
-    observed: dict[str, list[bool]] = field(default_factory=lambda: {t: [] for t in 'NBK'})
-    seconds: list[float] = field(default_factory=list)
+    values: dict[str, list[float]] = field(default_factory=lambda: {t: [] for t in TERMS})
+    covered: dict[str, list[bool]] = field(default_factory=lambda: {t: [] for t in TERMS})
+    observed: dict[str, list[bool]] = field(default_factory=lambda: {t: [] for t in TERMS})
 
-    def add(self, values: dict[str, float], seconds: float) -> None:
-        """Add the values of one run."""
-        for term in 'NBK':
-            self.values[term].append(values.get(term, 0.0))
-        self.seconds.append(seconds)
+    def add(self, found: Found) -> None:
+        """Add one run."""
+        for mine, its in (
+            (self.values, found['values']), (self.covered, found['covered']),
+            (self.observed, found['observed']),
+        ):  # fmt: skip
+            for term, one in its.items():
+                mine[term].append(one)
 
-    def add_model(self, model: NoiseModel, truth: dict[str, float]) -> None:
-        """Add what intervals and bounds say about the truth."""
-        for term in 'NBK':
-            estimate = model.coefficients[term]
-            self.observed[term].append(estimate.observable)
-            inside = estimate.low <= truth[term] <= estimate.high
-            self.covered[term].append(bool(inside))
-
-    def errors(self, term: str, truth: float, runs: list[bool] | None = None) -> np.ndarray:
-        """Return the relative errors in percent, of all runs that report the term or of some."""
+    def errors(self, term: str, truth: float, runs: list[bool] | None = None) -> FloatArray:
+        """Return the relative errors in percent, of runs that report the term; NaN of none."""
         runs = runs or self.observed[term] or [True] * len(self.values[term])
+        if not any(runs):
+            return np.array([np.nan])
         return 100.0 * np.array(self.values[term])[runs] / truth - 100.0
 
     def bias(self, term: str, truth: float) -> float:
@@ -72,20 +80,22 @@ class Outcome:
 
 
 @lru_cache(maxsize=2)
-def flicker_response(n: int, size: int) -> np.ndarray:
+def flicker_response(n: int, size: int) -> ComplexArray:
     """Return the spectrum, over `size` samples, of the first n of flicker noise's response."""
-    k = np.arange(1, n)
-    return fft.rfft(np.concatenate([[1.0], np.cumprod((k - 0.5) / k)]), size)
+    response: ComplexArray = fft.rfft(power_law(-1, n), size)
+    return response
 
 
-def simulated(truth: dict[str, float], n: int, rate_hz: float, rng: np.random.Generator):
+def simulated(
+    truth: dict[str, float], n: int, rate_hz: float, rng: np.random.Generator
+) -> FloatArray:
     """
     Return rate noise of known coefficients, shape (n,).
 
     Flicker: N. J. Kasdin, "Discrete simulation of colored noise", Proc. IEEE 83(5) (1995); its
     two-sided density is B²/(2πf) for a driving noise of standard deviation B.
     """
-    x = truth.get('N', 0.0) * np.sqrt(rate_hz) * rng.standard_normal(n)
+    x: FloatArray = truth.get('N', 0.0) * np.sqrt(rate_hz) * rng.standard_normal(n)
     if truth.get('K'):
         x += np.cumsum(truth['K'] / np.sqrt(rate_hz) * rng.standard_normal(n))
     if truth.get('B'):
@@ -99,7 +109,7 @@ def simulated(truth: dict[str, float], n: int, rate_hz: float, rng: np.random.Ge
     return x
 
 
-def tangent_tau(n: int, rate_hz: float) -> np.ndarray:
+def tangent_tau(n: int, rate_hz: float) -> FloatArray:
     """Return the averaging times of the MATLAB example: 100, logarithmic, to half the record."""
     largest = 2.0 ** np.floor(np.log2(n / 2))
     return np.unique(np.ceil(np.geomspace(1.0, largest, 100))) / rate_hz
@@ -126,86 +136,116 @@ def least_squares(curve: DeviationCurve, terms: str, *, from_model: bool) -> dic
     return dict(zip(terms, np.sqrt(squares).tolist(), strict=True))
 
 
+def record(
+    told: str,
+    run: int,
+    n: int,
+    rate_hz: float = RATE_HZ,
+    seed: int = 1,
+    methods: Sequence[str] = METHODS,
+) -> dict[str, Found]:
+    """Return what every method of `methods` finds in one record; the truth is JSON."""
+    truth: dict[str, float] = json.loads(told)
+    x = simulated(truth, n, rate_hz, np.random.default_rng([seed, run]))
+    terms = 'NBK' if truth['B'] else 'NK'
+    result = analyzed(x, rate_hz).axes[AXIS]
+    if result.allan is None:
+        raise ValueError('noise that is none')
+    curve, wide = result.allan, allan.deviation(x, rate_hz, tau=tangent_tau(n, rate_hz))
+    ways: dict[str, Callable[[], Found]] = {
+        OURS: lambda: _of_model(result.model, truth),
+        REFERENCE: lambda: _of_values(least_squares(curve, terms, from_model=True)),
+        PLAIN: lambda: _of_values(least_squares(curve, terms, from_model=False)),
+        WHITTLE: lambda: _of_model(whittle.fit(x, rate_hz, terms=terms), truth),
+        TANGENT: lambda: _of_values(coefficients.tangent_fit(wide).fitted),
+    }
+    return {name: way() for name, way in ways.items() if name in methods}
+
+
+def _of_model(model: NoiseModel, truth: Mapping[str, float]) -> Found:
+    """Return what a model says, and what its intervals and bounds say about the truth."""
+    estimates = {term: model.coefficients[term] for term in TERMS}
+    return {
+        'values': {term: model.fitted.get(term, 0.0) for term in TERMS},
+        'observed': {term: one.observable for term, one in estimates.items()},
+        'covered': {
+            term: one.low is not None
+            and one.high is not None
+            and one.low <= truth.get(term, 0.0) <= one.high
+            for term, one in estimates.items()
+        },
+    }
+
+
+def _of_values(values: Mapping[str, float]) -> Found:
+    """Return what a method says that has no intervals and reports everything."""
+    return {'values': {t: values.get(t, 0.0) for t in TERMS}, 'observed': {}, 'covered': {}}
+
+
 def measure(
     truth: dict[str, float],
     runs: int,
-    n: int = SAMPLES,
+    n: int,
     rate_hz: float = RATE_HZ,
     seed: int = 1,
     methods: tuple[str, ...] = METHODS,
 ) -> dict[str, Outcome]:
-    """Return what every method finds in `runs` records; all but Whittle's go together."""
-    outcomes = {name: Outcome() for name in methods}
-    for run in range(runs):
-        x = simulated(truth, n, rate_hz, np.random.default_rng([seed, run]))
-        curve = allan.deviation(x, rate_hz, unit='m/s²')
-        wide = allan.deviation(x, rate_hz, unit='m/s²', tau=tangent_tau(n, rate_hz))
-        terms = 'NBK' if truth['B'] else 'NK'
-        model = _timed(outcomes[FIT], lambda c=curve: coefficients.fit(c))
-        outcomes[FIT].add_model(model, truth)
-        if WHITTLE in methods:
-            spectral = _timed(
-                outcomes[WHITTLE],
-                lambda x=x, t=terms: whittle.fit(x, rate_hz, unit='m/s²', terms=t),
-            )
-            for term in 'NBK':
-                outcomes[WHITTLE].observed[term].append(spectral.coefficients[term].observable)
-        _timed(outcomes[TANGENT], lambda c=wide: coefficients.tangent_fit(c))
-        outcomes[REFERENCE].add(least_squares(curve, terms, from_model=True), 0.0)
-        outcomes[PLAIN].add(least_squares(curve, terms, from_model=False), 0.0)
+    """Return what every method finds in `runs` records."""
+    told = json.dumps(truth)
+    return gathered(record(told, run, n, rate_hz, seed, methods) for run in range(runs))
+
+
+def gathered(records: Iterable[dict[str, Found]]) -> dict[str, Outcome]:
+    """Return the outcome of every method over many records."""
+    outcomes: dict[str, Outcome] = {}
+    for one in records:
+        for name, found in one.items():
+            outcomes.setdefault(name, Outcome()).add(found)
     return outcomes
 
 
-def _timed(outcome: Outcome, work: Callable[[], NoiseModel]) -> NoiseModel:
-    start = time.perf_counter()
-    model = work()
-    outcome.add(dict(model.fitted), time.perf_counter() - start)
-    return model
-
-
-def verdicts(truth: dict[str, float], outcomes: dict[str, Outcome]) -> list[tuple[str, bool]]:
-    """Return each claim with whether it held."""
-    ours, tangent = outcomes[FIT], outcomes[TANGENT]
-    claims = []
+def judge(bench: Benchmark, truth: dict[str, float], outcomes: dict[str, Outcome]) -> None:
+    """Claim what the method of this package is held to."""
+    ours, tangent = outcomes[OURS], outcomes[TANGENT]
+    kind = 'with B' if truth['B'] else 'no B'
     for term in 'NBK':
         if truth[term]:
-            bias = ours.bias(term, truth[term])
-            claims.append((f'{term}: bias {bias:+.1f} %, at most 1 %', abs(bias) <= 1.0))
+            bias = abs(ours.bias(term, truth[term]))
+            bench.claim(f'{kind}, {term}: bias', bias, at_most=1.0, unit='%')
     for term in 'BK' if truth['B'] else 'K':
         # every method in the runs in which we report the term: the same data for all
         runs, true = ours.observed[term], truth[term]
         rmse = ours.rmse(term, true, runs)
-        others = [outcomes[name].rmse(term, true, runs) for name in METHODS if name != FIT]
-        claim = (
-            f'{term}: RMSE {rmse:.1f} %, at most 1.1 x the best other method, {min(others):.1f} %'
-        )
-        claims.append((claim, rmse <= 1.1 * min(others)))
-        twice = tangent.rmse(term, true, runs)
-        claim = f'{term}: at least twice better than the slope tangent, {twice:.1f} %'
-        claims.append((claim, 2.0 * rmse <= twice))
-    if not truth['B']:
-        claims.append(('no bias instability reported', not any(ours.observed['B'])))
-    for term in 'NBK':
-        share = float(np.mean(ours.covered[term]))
-        # 200 runs scatter by 1.5 % about 95 %
-        claims.append(
-            (f'{term}: intervals and bounds hold the truth ({share:.0%})', share >= 0.88)
-        )
-    return claims
+        best = min(outcomes[name].rmse(term, true, runs) for name in METHODS if name != OURS)
+        name = f'{kind}, {term}: RMSE over that of the best other method'
+        bench.claim(name, rmse / best, at_most=1.1)
+        better = tangent.rmse(term, true, runs) / rmse
+        name = f'{kind}, {term}: RMSE of the slope tangent over ours'
+        bench.claim(name, better, at_least=2.0)
+    for term in 'Q' if truth['B'] else 'QB':
+        bench.claim(f'{kind}: records with {term} reported', sum(ours.observed[term]), at_most=0)
+    for term in TERMS:
+        share = 100.0 * float(np.mean(ours.covered[term]))
+        name = f'{kind}, {term}: intervals and bounds hold the truth'
+        bench.claim(name, share, at_least=93.0, unit='%')
 
 
-def main(runs: int = RUNS) -> int:
-    """Print the tables; return 1 if a claim does not hold."""
-    good = True
-    for truth in TRUTHS:
-        outcomes = measure(truth, runs)
-        print(
-            f'\n{runs} records of {SAMPLES / RATE_HZ / 3600:.1f} h at {RATE_HZ:g} Hz, '
-            f'N = {truth["N"]:g}, B = {truth["B"]:g}, K = {truth["K"]:g}; bias / RMSE in % '
-            'of the runs that report a term\n'
-        )
-        print('| method | N | B | K | B reported | K reported |')
-        print('|---|---|---|---|---|---|')
+def main() -> int:
+    bench = Benchmark(__doc__)
+    bench.add_size('--runs', 200, quick=3, help='records of each kind')
+    bench.add_size('--samples', 2**20, quick=2**15, help='of each record')
+    parts = Parts(bench)
+    options = bench.start()
+    told = [json.dumps(truth) for truth in TRUTHS]
+    keys = [(one, run, options.samples) for run in range(options.runs) for one in told]
+    records = parts.run(options, record, keys)
+    for truth, one in zip(TRUTHS, told, strict=True):
+        outcomes = gathered(records[one, run, options.samples] for run in range(options.runs))
+        words = ', '.join(f'{term} = {value:g}' for term, value in truth.items())
+        bench.head(
+            'method', *'NBK', *(f'{term} reported' for term in TERMS),
+            title=f'{words}: bias / RMSE in % of the runs that report a term',
+        )  # fmt: skip
         for name, outcome in outcomes.items():
             cells = [
                 f'{outcome.bias(t, truth[t]):+.1f} / {outcome.rmse(t, truth[t]):.1f}'
@@ -213,18 +253,13 @@ def main(runs: int = RUNS) -> int:
                 else f'median {np.median(outcome.values[t]):.1e}'
                 for t in 'NBK'
             ]
-            for term in 'BK':
+            for term in TERMS:
                 observed = outcome.observed[term]
-                cells.append(f'{sum(observed)} of {runs}' if observed else 'always')
-            print(f'| {name} | ' + ' | '.join(cells) + ' |')
-        print()
-        for claim, held in verdicts(truth, outcomes):
-            good &= held
-            print(f'{"met    " if held else "NOT MET"}  {claim}')
-        fit_ms = 1e3 * float(np.median(outcomes[FIT].seconds))
-        print(f'         a fit took {fit_ms:.1f} ms')
-    return 0 if good else 1
+                cells.append(f'{sum(observed)} of {options.runs}' if observed else 'always')
+            bench.row(name, *cells)
+        judge(bench, truth, outcomes)
+    return bench.done()
 
 
 if __name__ == '__main__':
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else RUNS))
+    sys.exit(main())

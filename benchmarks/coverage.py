@@ -3,22 +3,32 @@
 Do the intervals of the deviation hold what they say?  Monte Carlo, fixed seeds.
 
 White, flicker and random-walk rate noise of known level is made many times; counted is how
-often the intervals of `allan.deviation`, which is told nothing about the noise, cover the
-true deviation.  Run as ``python -m benchmarks.coverage [runs]``.
+often the intervals that `imu-bench analyze` gives, which is told nothing about the noise, cover
+the true deviation.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 import sys
 from typing import NamedTuple
 
-from imu_bench.metrology import allan
+from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.deviations.confidence import interval
+from imu_bench.offline.analysis.settings import Settings
 import numpy as np
 from scipy import fft
 
+from benchmarks._analyzed import analyzed, AXIS
+from benchmarks._frame import Benchmark
+from benchmarks._parts import Parts
+
 SAMPLES = 8192
-RUNS = 3000
+RATE_HZ = 1.0
+QUIET = 1e-6
+"""rad/s; a random walk of so many samples is no motion then."""
+
 LEVELS = {0.68: 0.03, 0.95: 0.02}
 """Nominal levels and how far the coverage may be from them."""
 
@@ -60,58 +70,89 @@ def factors(n: int) -> np.ndarray:
     return np.unique(np.append(2 ** np.arange(int(np.log2(n / 10)) + 1), n // 10))
 
 
-def measure(alpha: int, runs: int, n: int, seed: int, kind: str = 'oadev') -> list[Coverage]:
-    """Return the coverage at each averaging factor from `runs` records of n samples."""
+def analyzed_curve(noise: np.ndarray, m: np.ndarray) -> DeviationCurve:
+    """Return the deviation that `imu-bench analyze` finds."""
+    settings = Settings(taus=tuple(m.astype(float).tolist()))
+    result = analyzed(noise, RATE_HZ, settings).axes[AXIS]
+    if result.allan is None:
+        raise ValueError('noise that is none')
+    return result.allan
+
+
+@lru_cache
+def known(alpha: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the spectrum of the impulse response, and the true deviation at `factors(n)`."""
     response = power_law(alpha, 2 * n)
     size = fft.next_fast_len(4 * n, real=True)
-    spectrum = fft.rfft(response, size)
-    rng = np.random.default_rng(seed)
-    m = factors(n)
-    truth = np.sqrt([true_variance(response, n, factor) for factor in m.tolist()])
-    covered = {level: np.zeros(m.size) for level in LEVELS}
-    identified = np.zeros(m.size)
-    width = np.zeros(m.size)
-    for _ in range(runs):
-        noise = fft.irfft(spectrum * fft.rfft(rng.normal(size=2 * n), size), size)[n : 2 * n]
-        curve = allan.deviation(noise, 1.0, tau=m.astype(float), kind=kind)
-        identified += curve.alpha == alpha
-        for level, count in covered.items():
-            low, high = interval(curve.deviation, curve.edf, level)
-            count += (low <= truth) & (truth <= high)
-        width += np.log(high / low)
+    truth = np.sqrt([true_variance(response, n, factor) for factor in factors(n).tolist()])
+    return QUIET * fft.rfft(response, size), QUIET * truth
+
+
+def made(alpha: int, n: int, seed: int) -> np.ndarray:
+    """Return n samples of noise."""
+    spectrum, _ = known(alpha, n)
+    size = 2 * (spectrum.size - 1)
+    drive = np.random.default_rng([seed, -alpha]).normal(size=2 * n)
+    noise: np.ndarray = fft.irfft(spectrum * fft.rfft(drive, size), size)[n : 2 * n]
+    return noise
+
+
+def held(
+    alpha: int,
+    n: int,
+    seed: int,
+    curve_of: Callable[[np.ndarray, np.ndarray], DeviationCurve] = analyzed_curve,
+) -> dict[str, list[float]]:
+    """Return, at each averaging factor, what the intervals of one record held."""
+    _, truth = known(alpha, n)
+    curve = curve_of(made(alpha, n, seed), factors(n))
+    found = {'identified': (curve.alpha == alpha).astype(float).tolist()}
+    for level in LEVELS:
+        low, high = interval(curve.deviation, curve.edf, level)
+        found[f'{level}'] = ((low <= truth) & (truth <= high)).astype(float).tolist()
+    found['width'] = np.log(high / low).tolist()
+    return found
+
+
+def summary(alpha: int, n: int, records: Sequence[Mapping[str, list[float]]]) -> list[Coverage]:
+    """Return the coverage at each averaging factor."""
+    mean = {name: np.mean([one[name] for one in records], axis=0) for name in records[0]}
     return [
         Coverage(
             alpha,
             int(factor),
-            float(identified[i] / runs),
-            {level: float(count[i] / runs) for level, count in covered.items()},
-            float(width[i] / runs),
+            float(mean['identified'][i]),
+            {level: float(mean[f'{level}'][i]) for level in LEVELS},
+            float(mean['width'][i]),
         )
-        for i, factor in enumerate(m)
+        for i, factor in enumerate(factors(n))
     ]
 
 
-def held(result: Coverage) -> bool:
-    """Return whether the coverage is what it should be."""
-    return all(abs(result.covered[level] - level) <= LEVELS[level] for level in LEVELS)
-
-
-def main(runs: int = RUNS) -> int:
-    """Print the table; return 1 if a line does not hold."""
-    print(f'{runs} records of {SAMPLES} samples; asked: 68 +- 3 %, 95 +- 2 %\n')
-    print('| noise | tau/T | 68 % | 95 % | noise identified | width of 95 % | |')
-    print('|---|---|---|---|---|---|---|')
-    good = True
-    for seed, (alpha, name) in enumerate(NOISES.items()):
-        for line in measure(alpha, runs, SAMPLES, seed):
-            good &= held(line)
-            print(
-                f'| {name} | 1/{SAMPLES / line.m:.0f} | {100 * line.covered[0.68]:.1f} '
-                f'| {100 * line.covered[0.95]:.1f} | {100 * line.identified:.0f} % '
-                f'| x{np.exp(line.width):.2f} | {"met" if held(line) else "NOT MET"} |'
-            )
-    return 0 if good else 1
+def main() -> int:
+    bench = Benchmark(__doc__)
+    bench.add_size('--runs', 3000, quick=5, help=f'records of {SAMPLES} samples of each noise')
+    parts = Parts(bench)
+    options = bench.start()
+    keys = [(alpha, SAMPLES, run) for run in range(options.runs) for alpha in NOISES]
+    records = parts.run(options, held, keys)
+    levels = {f'{100 * level:.0f} %': level for level in LEVELS}
+    bench.head('noise', 'tau/T', *levels, 'noise identified', 'width of 95 %')
+    for alpha, name in NOISES.items():
+        of_noise = [records[alpha, SAMPLES, run] for run in range(options.runs)]
+        lines = summary(alpha, SAMPLES, of_noise)
+        for line in lines:
+            covered = (f'{100 * line.covered[level]:.1f}' for level in LEVELS)
+            identified, width = f'{100 * line.identified:.0f} %', f'x{np.exp(line.width):.2f}'
+            bench.row(name, f'1/{SAMPLES / line.m:.0f}', *covered, identified, width)
+        for text, level in levels.items():
+            furthest = max(abs(line.covered[level] - level) for line in lines)
+            bench.claim(
+                f'{name}: coverage from {text} at any averaging time',
+                100 * furthest, at_most=100 * LEVELS[level], unit='%',
+            )  # fmt: skip
+    return bench.done()
 
 
 if __name__ == '__main__':
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else RUNS))
+    sys.exit(main())

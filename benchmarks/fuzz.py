@@ -1,22 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Does `imu-bench analyze` survive whatever is put before it?
+Does `imu-bench` survive whatever is put before it?
 
 Recordings of every format, damaged on purpose: cut off, bits flipped, wrong counts, lengths,
-stamps and values.  Each is analysed by the whole command, in a process of its own that may have
-2 GB of address space and 30 s.  It must end with a result, or with one clear line and exit code 1;
-no traceback, no file written but the outputs, nothing left behind, the recording untouched.
-Every third is treated as if it were large, with its columns in files.
-Prints what happened by format; exits 1 if anything else did.  Every case is made by the seed and
-its number alone: `--case N --keep DIR` makes one again.
-Run as ``python -m benchmarks.fuzz [CASES] [--seed S] [--case N] [--keep DIR] [--jobs N]``.
+stamps and values; databases with another schema, bombs; results in JSON for compare, export and
+simulate, and YAML of every kind.  Each is read by the whole command, in a process of its own that
+may have 1 GB of memory and 30 s of CPU time.  It must end with a result, or with one clear line
+and exit code 1; no traceback, no file written but the outputs, nothing left behind, the input
+untouched.
+Nothing is read short in silence: a witness that compares bytes says how many samples are owed
+(`_fuzz_witness`); they are there, or a finding says that they are not.
+Every third recording is treated as if it were large, with its columns in files.
+Prints what happened by format.  Every case is made by the seed and its number alone:
+``--case N --keep DIR`` makes one again.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 import hashlib
 from importlib import import_module
@@ -30,23 +32,33 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
 from typing import NamedTuple
 
 from imu_bench.cli.main import main as imu_bench
+from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings import cache
 import numpy as np
 
+from benchmarks._frame import Benchmark, cores
 from benchmarks._fuzz_content import content, TWISTS
-from benchmarks._fuzz_damage import damaged
-from benchmarks._fuzz_formats import FORMATS
+from benchmarks._fuzz_documents import DOCUMENTS
+from benchmarks._fuzz_formats import analyze, Format, FORMATS
+from benchmarks._fuzz_hostile import HOSTILE
+from benchmarks._fuzz_witness import cut_within_a_row, owed, told
 
-CASES = 2000
-MEMORY = 2 << 30
-SECONDS = 30.0
+ALLOWED = ('result', 'error', 'not made')
+KINDS: dict[str, Format] = {**FORMATS, **HOSTILE, **DOCUMENTS}
+MEMORY = 1_000_000_000
+_ADDRESSES = 4 << 30  # libraries and mapped files take some that are never touched
+SECONDS = 30
+_PATIENCE = 20.0 * SECONDS  # of a machine with much else to do, before a case counts as stuck
 _LONGEST_LINE = 3000
-_LATE = ('imu_bench.cli.running', 'imu_bench.cli.table', 'imu_bench.offline.analyse',
-         'imu_bench.offline.report', 'scipy.io')  # fmt: skip
+_LATE = (
+    'imu_bench.terminal.working', 'imu_bench.terminal.tables',
+    'imu_bench.offline.analysis.recording',
+    'imu_bench.offline.presentation.pages', 'scipy.io',
+    'imu_bench.offline.exports', 'imu_bench.simulation.scenario',
+)  # fmt: skip
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 _CHANGES = ('os.mkdir', 'os.remove', 'os.rename', 'os.rmdir', 'os.truncate', 'os.link',
             'os.symlink', 'os.chmod', 'os.utime')  # fmt: skip
@@ -63,52 +75,76 @@ class Verdict(NamedTuple):
     said: str
 
 
-def made(folder: Path, seed: int, number: int) -> tuple[str, Path, tuple[str, ...]]:
-    """Write the recording of a case; return its format, path and options."""
+class Made(NamedTuple):
+    """An input, the arguments of the command, and what a reader owes."""
+
+    name: str
+    arguments: list[str]
+    owed: int
+    cut: bool
+
+
+def made(folder: Path, out: Path, seed: int, number: int) -> Made:
+    """Write the input of a case."""
     rng = random.Random(f'{seed}-{number}')
-    name = list(FORMATS)[number % len(FORMATS)]
-    twist = rng.choice(('', '', *TWISTS))
+    name = list(KINDS)[number % len(KINDS)]
+    kind = KINDS[name]
+    twist = rng.choice(('', '', *TWISTS)) if kind.counted else ''
     found = content(twist, np.random.default_rng([seed, number]))
-    path = FORMATS[name].write(folder, found)
-    files = sorted(file for file in folder.rglob('*') if file.is_file())
+    path = kind.write(folder, found)
+    before = _contents(folder)
     if twist == '' or rng.random() < 0.3:
-        for _ in range(rng.choice((1, 1, 2))):
-            file = rng.choice(files)
-            file.write_bytes(damaged(file.read_bytes(), rng))
-        if len(files) > 1 and rng.random() < 0.1:
-            rng.choice(files).unlink()
-    return name, path, FORMATS[name].options
+        kind.harm(sorted(file for file in folder.rglob('*') if file.is_file()), rng)
+    arguments = [*kind.command(path, out, rng), *kind.options]
+    if not kind.counted:
+        return Made(name, arguments, 0, cut=False)
+    after = _contents(folder)
+    return Made(
+        name,
+        arguments,
+        owed(before, after, kind.text),
+        cut_within_a_row(before, after, kind.text),
+    )
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    return {
+        str(file.relative_to(folder)): file.read_bytes()
+        for file in folder.rglob('*')
+        if file.is_file()
+    }
 
 
 def case(seed: int, number: int, home: str) -> Verdict:
-    """Make a recording, analyse it in a child, and judge what came of it."""
+    """Make an input, give it to a child, and judge what came of it."""
     with tempfile.TemporaryDirectory(dir=home) as place:
         folder = Path(place)
         for part in ('in', 'out', 'tmp', 'cwd'):
             (folder / part).mkdir()
         try:
-            name, path, options = made(folder / 'in', seed, number)
+            found = made(folder / 'in', folder / 'out', seed, number)
         except OverflowError:  # some writers refuse impossible stamps: then there is no recording
-            return Verdict(number, list(FORMATS)[number % len(FORMATS)], 'not made', 0.0, 0, '')
+            return Verdict(number, list(KINDS)[number % len(KINDS)], 'not made', 0.0, 0, '')
         before = _digest(folder / 'in')
-        began = time.perf_counter()
         child = os.fork()
         if child == 0:
             cache.LARGE = cache.LARGE if number % 3 else 1
-            _analyse(folder, path, options)
+            _run(folder, found.arguments)
         status, usage, late = _wait(child)
-        took = time.perf_counter() - began
+        took = usage.ru_utime + usage.ru_stime
         said = (folder / 'err').read_text('utf-8', 'replace')
-        verdict = _judge(folder, status, late, said, FORMATS[name].recordings)
+        verdict = _judge(folder, status, late, said, found)
+        if verdict in ('result', 'error') and usage.ru_maxrss * 1024 > MEMORY:
+            verdict = f'took {usage.ru_maxrss >> 10} MB'
         if _digest(folder / 'in') != before:
-            verdict = 'the recording was changed'
-        return Verdict(number, name, verdict, took, usage.ru_maxrss * 1024, said)
+            verdict = 'the input was changed'
+        return Verdict(number, found.name, verdict, took, usage.ru_maxrss * 1024, said)
 
 
 def _wait(child: int) -> tuple[int, resource.struct_rusage, bool]:
     ended = os.pidfd_open(child)
     try:
-        late = not select.select([ended], [], [], SECONDS)[0]
+        late = not select.select([ended], [], [], _PATIENCE)[0]
         if late:
             os.kill(child, signal.SIGKILL)
         _, status, usage = os.wait4(child, 0)
@@ -117,7 +153,7 @@ def _wait(child: int) -> tuple[int, resource.struct_rusage, bool]:
     return status, usage, late
 
 
-def _analyse(folder: Path, path: Path, options: Sequence[str]) -> None:
+def _run(folder: Path, arguments: list[str]) -> None:
     """Run the command as a program of its own would run; does not return."""
     code = 70
     try:
@@ -126,10 +162,10 @@ def _analyse(folder: Path, path: Path, options: Sequence[str]) -> None:
         os.chdir(folder / 'cwd')
         os.environ['HOME'] = os.environ['TMPDIR'] = str(folder / 'tmp')
         tempfile.tempdir = None
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
+        resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, _ADDRESSES))
         sys.addaudithook(_watch(folder))
-        outputs = [f'--{kind}={folder / "out" / f"r.{kind}"}' for kind in ('json', 'html')]
-        code = imu_bench(['analyze', str(path), '--jobs', '1', *outputs, *options])
+        code = imu_bench(arguments)
     except BaseException:  # whatever it is, this fork must not go on as its parent does
         sys.excepthook(*sys.exc_info())
     finally:
@@ -137,7 +173,7 @@ def _analyse(folder: Path, path: Path, options: Sequence[str]) -> None:
         os._exit(code)
 
 
-def _watch(folder: Path) -> object:
+def _watch(folder: Path) -> Callable[[str, tuple[object, ...]], None]:
     """Return a hook that ends the program when it changes a file outside of its places."""
     places = tuple(str(folder / part) + os.sep for part in ('out', 'tmp'))
 
@@ -163,13 +199,16 @@ def _watch(folder: Path) -> object:
     return hook
 
 
-def _judge(folder: Path, status: int, late: bool, said: str, recordings: int) -> str:
+def _judge(folder: Path, status: int, late: bool, said: str, made: Made) -> str:
     code = os.waitstatus_to_exitcode(status)
-    lines = said.splitlines()
+    # what `export` says of a recording that is not to be trusted
+    lines = [line for line in said.splitlines() if not line.startswith('imu-bench: warning: ')]
     left = [str(file.relative_to(folder)) for part in ('tmp', 'cwd')
             for file in (folder / part).iterdir()]  # fmt: skip
     if late:
-        return f'no end after {SECONDS:g} s'
+        return f'no end after {_PATIENCE:g} s'
+    if code == -signal.SIGXCPU:
+        return f'no end after {SECONDS} s of CPU time'
     if code not in (0, 1):
         return f'exit code {code}'
     if 'Traceback' in said or 'Warning' in said:
@@ -181,20 +220,30 @@ def _judge(folder: Path, status: int, late: bool, said: str, recordings: int) ->
     if left:
         return f'left behind: {left[0]}'
     if code == 0:
-        return _result(folder / 'out', lines)
+        return 'exit code 0 with an error' if lines else _result(folder / 'out', made)
     # one line for each recording that fails
-    return 'error' if 1 <= len(lines) <= recordings else f'exit code 1 with {len(lines)} lines'
+    few = 1 <= len(lines) <= KINDS[made.name].recordings
+    return 'error' if few else f'exit code 1 with {len(lines)} lines'
 
 
-def _result(folder: Path, lines: Sequence[str]) -> str:
-    from imu_bench.offline import results
+def _result(folder: Path, made: Made) -> str:
+    from imu_bench.offline.analysis import results
 
-    if lines:
-        return 'exit code 0 with an error'
-    if '</html>' not in (folder / 'r.html').read_text('utf-8')[-100:]:
+    page, document = folder / 'r.html', folder / 'r.json'
+    if page.exists() and '</html>' not in page.read_text('utf-8')[-100:]:
         return 'no whole report'
-    found = results.read(folder / 'r.json').recordings
-    return 'result' if found and all(recording.axes for recording in found) else 'empty result'
+    if KINDS[made.name].command is not analyze:
+        return 'result'
+    try:
+        found = results.read(document).recordings
+    except RecordingError as problem:
+        return f'a result that cannot be read: {problem}'
+    if not (page.exists() and found and all(recording.axes for recording in found)):
+        return 'empty result'
+    stored = sum(recording.health.stored for recording in found)
+    if not told(found) and (stored < made.owed or made.cut):
+        return f'silent: {stored} of {made.owed} samples'
+    return 'result'
 
 
 def _digest(folder: Path) -> str:
@@ -224,8 +273,8 @@ def run(cases: Sequence[int], seed: int, jobs: int) -> list[Verdict]:
         shutil.rmtree(home, ignore_errors=True)
 
 
-def show(verdicts: Sequence[Verdict]) -> bool:
-    """Print what happened; return whether all of it was allowed."""
+def show(verdicts: Sequence[Verdict]) -> None:
+    """Print what happened."""
     by_format: dict[str, list[Verdict]] = defaultdict(list)
     for verdict in verdicts:
         by_format[verdict.format].append(verdict)
@@ -240,31 +289,33 @@ def show(verdicts: Sequence[Verdict]) -> bool:
         peak = max(verdict.peak for verdict in found) / 1e6
         print(f'| {name} | {made} | {good} | {errors} | {kinds.total()} | {slowest:.1f} s '
               f'| {peak:.0f} MB |')  # fmt: skip
-    bad = [v for v in verdicts if v.verdict not in ('result', 'error', 'not made')]
+    bad = [v for v in verdicts if v.verdict not in ALLOWED]
     for verdict in bad:
         print(f'\ncase {verdict.number} ({verdict.format}): {verdict.verdict}\n{verdict.said}')
-    return not bad
 
 
 def main() -> int:
-    """Run the cases that the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('cases', type=int, nargs='?', default=CASES)
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--case', type=int, action='append', help='only this one (repeatable)')
-    parser.add_argument('--keep', type=Path, help='write the recordings of the cases there')
-    parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1)
-    arguments = parser.parse_args()
+    bench = Benchmark(__doc__)
+    bench.add_size('--cases', 5000, quick=len(KINDS), help='damaged inputs')
+    bench.add_argument('--seed', type=int, default=1)
+    bench.add_argument('--case', type=int, action='append', help='only this one (repeatable)')
+    bench.add_argument('--keep', type=Path, help='write the recordings of the cases there')
+    bench.add_argument('--jobs', type=int, default=cores())
+    arguments = bench.start()
     cases = arguments.case or range(arguments.cases)
     if arguments.keep is not None:
         for number in cases:
             folder = arguments.keep / str(number)
             folder.mkdir(parents=True)
-            name, path, options = made(folder, arguments.seed, number)
-            print(f'case {number} ({name}): {path} {" ".join(options)}')
+            found = made(folder, folder / 'out', arguments.seed, number)
+            print(f'case {number} ({found.name}): imu-bench {" ".join(found.arguments)}')
         return 0
-    print(f'seed {arguments.seed}: {len(cases)} damaged recordings\n')
-    return 0 if show(run(cases, arguments.seed, arguments.jobs)) else 1
+    print(f'\n{len(cases)} inputs of {len(KINDS)} kinds\n')
+    verdicts = run(cases, arguments.seed, arguments.jobs)
+    show(verdicts)
+    allowed = Counter(verdict.verdict in ALLOWED for verdict in verdicts)
+    bench.claim('cases that ended otherwise', allowed[False], at_most=0)
+    return bench.done()
 
 
 if __name__ == '__main__':

@@ -3,33 +3,26 @@
 How fast is `imu-bench analyze`, side by side with the script a user would write today?
 
 The script is `benchmarks/_todays_script.py`: a loop over the bag with rosbags into numpy, then
-allantools with the same averaging times.  Prints ratios measured in one run, medians over several
-turns; they, not the seconds, are the claim.  Run as
-``python -m benchmarks.offline [--quick] [--folder DIR]`` on an otherwise idle machine: ten
-minutes and 4 GB of disk, or with --quick two minutes (1 minute of recording against 10 instead
-of 10 against 100).
+allantools with the same averaging times.  The claims are ratios measured in one run, medians over
+several turns, on an otherwise idle machine: ten minutes and 4 GB of disk.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator
+from argparse import Namespace
 import json
-import os
 from pathlib import Path
 from statistics import median
 import subprocess
 import sys
 import tempfile
-from typing import NamedTuple
 
 from benchmarks._bags import write_bag
+from benchmarks._frame import Benchmark
 from benchmarks._measured import Measured, run
 
 GIB = 1 << 30
-READ_MINUTES, MINUTES, QUICK_MINUTES = 2.0, 10.0, 1.0
-SENSORS, RATE_HZ = 6, 1000.0
-TURNS = 3
+RATE_HZ = 1000.0
 IMU_BENCH = [sys.executable, '-m', 'imu_bench.cli.main']
 STORAGES = (('mcap', 'zstd', 40.0), ('mcap', '', 40.0), ('sqlite3', '', 9.0))
 
@@ -48,22 +41,6 @@ SENSOR_FILE = """\
 """
 
 
-class Claim(NamedTuple):
-    """What was measured, and what is asked of it."""
-
-    name: str
-    measured: float
-    target: float
-    at_least: bool = False
-
-    @property
-    def met(self) -> bool:
-        """Whether it holds."""
-        if self.at_least:
-            return self.measured >= self.target
-        return self.measured <= self.target
-
-
 def read(kind: str, path: Path) -> tuple[float, int]:
     """Return seconds and messages of one of the readers; see `benchmarks._reading`."""
     command = [sys.executable, '-m', 'benchmarks._reading', kind, str(path)]
@@ -71,43 +48,43 @@ def read(kind: str, path: Path) -> tuple[float, int]:
     return float(seconds), int(count)
 
 
-def reading(folder: Path) -> Iterator[Claim]:
+def reading(bench: Benchmark, folder: Path, options: Namespace) -> None:
     """Compare the readers on topics whose messages take turns one by one."""
-    print(f'## bag to columns, {READ_MINUTES:g} min of six interleaved topics at 1 kHz\n')
-    print('| storage | rosbags loop, µs per message | ours, µs per message |')
-    print('|---|---|---|')
-    for storage, compression, target in STORAGES:
-        path = folder / f'read_{storage}_{compression}'
+    bench.head(
+        'storage', 'rosbags loop', 'ours',
+        title='µs per message, bag of interleaved topics at 1 kHz to columns',
+    )  # fmt: skip
+    sensors, minutes = options.sensors, options.read_minutes
+    for storage, compression, target in STORAGES[: options.storages]:
+        path = folder / f'read_{storage}_{compression}_{sensors}_{minutes:g}min'
         if not path.exists():
             write_bag(
-                path, sensors=SENSORS, rate_hz=RATE_HZ, duration_s=60.0 * READ_MINUTES,
+                path, sensors=sensors, rate_hz=RATE_HZ, duration_s=60.0 * minutes,
                 storage=storage, compression=compression,
             )  # fmt: skip
         read('ours', path)  # the file is in memory from now on
-        turns = [(read('script', path), read('ours', path)) for _ in range(TURNS)]
+        pairs = [(read('script', path), read('ours', path)) for _ in range(options.turns)]
         slow, fast = (
             1e6 * median(seconds / count for seconds, count in side)
-            for side in zip(*turns, strict=True)
+            for side in zip(*pairs, strict=True)
         )
         name = f'{storage}, {compression or "not compressed"}'
-        print(f'| {name} | {slow:.2f} | {fast:.3f} |')
-        yield Claim(
-            f'{name}: times faster than the rosbags loop', slow / fast, target, at_least=True
-        )
+        bench.row(name, f'{slow:.2f}', f'{fast:.3f}')
+        bench.claim(f'{name}: times faster than the rosbags loop', slow / fast, at_least=target)
 
 
-def simulated(folder: Path, minutes: float) -> Path:
-    """Return a bag of six sensors at 1 kHz, made by `imu-bench simulate` if it is not there."""
-    path = folder / f'six_{minutes:g}min'
+def simulated(folder: Path, sensors: int, minutes: float) -> Path:
+    """Return a bag of sensors at 1 kHz, made by `imu-bench simulate` if it is not there."""
+    path = folder / f'simulated_{sensors}_{minutes:g}min'
     if not path.exists():
-        for seed in range(1, SENSORS + 1):
+        for seed in range(1, sensors + 1):
             text = SENSOR_FILE.format(seed=seed, rate=RATE_HZ)
             (folder / f'imu_{seed}.yaml').write_text(text, encoding='utf-8')
         listed = [
-            f'  - {{file: imu_{seed}.yaml, name: imu_{seed}}}' for seed in range(1, SENSORS + 1)
+            f'  - {{file: imu_{seed}.yaml, name: imu_{seed}}}' for seed in range(1, sensors + 1)
         ]
-        bench = folder / 'six.yaml'
-        bench.write_text('\n'.join(['name: six', 'sensors:', *listed, '']), encoding='utf-8')
+        bench = folder / 'bench.yaml'
+        bench.write_text('\n'.join(['name: many', 'sensors:', *listed, '']), encoding='utf-8')
         command = [*IMU_BENCH, 'simulate', str(bench), '--duration', f'{minutes:g}min']
         run([*command, '--output', str(path)], stdout=subprocess.DEVNULL)
     return path
@@ -128,68 +105,64 @@ def script(path: Path, folder: Path) -> Measured:
     return run([*command, str(folder / 'script.json'), ','.join(map(str, tau))], watched=False)
 
 
-def whole(folder: Path, minutes: float, *, with_script: bool) -> Iterator[Claim]:
+def whole(bench: Benchmark, folder: Path, options: Namespace) -> None:
     """Compare the whole analysis with the script, and with itself at ten times the length."""
-    short, long = simulated(folder, minutes), simulated(folder, 10.0 * minutes)
+    minutes = options.minutes
+    short, long = (simulated(folder, options.sensors, k * minutes) for k in (1.0, 10.0))
     # the files of the program are in memory from now on
-    peaks = [analyse(path, folder, watched=True).peak for path in (short, long, short)]
+    peaks = [analyse(path, folder, watched=True).peak for path in (short, long)]
     near, far, theirs = [], [], []
-    for _ in range(TURNS):
+    for _ in range(options.turns):
         near.append(analyse(short, folder).seconds)
-        if with_script:
-            theirs.append(script(short, folder).seconds)
+        theirs.append(script(short, folder).seconds)
         far.append(analyse(long, folder).seconds)
         near.append(analyse(short, folder).seconds)
-    print('\n## whole analysis of six sensors at 1 kHz, report included\n')
-    print('| | s | memory of all processes, MiB |\n|---|---|---|')
-    if with_script:
-        print(
-            f'| rosbags loop and allantools, no report, {minutes:g} min | {median(theirs):.1f} | |'
-        )
-    for length, seconds, peak in ((minutes, near, peaks[0]), (10 * minutes, far, peaks[1])):
-        name = f'imu-bench analyze, {length:g} min'
-        print(f'| {name} | {median(seconds):.2f} | {peak / 2**20:.0f} |')
     ours = median(near)
-    if with_script:
-        ratio = median(theirs) / ours
-        yield Claim('whole analysis: times faster than the script', ratio, 15.0, at_least=True)
-    yield Claim('ten times the length: times the time', median(far) / ours, 10.0)
-    yield Claim('peak memory in GiB', max(peaks[0], peaks[2]) / GIB, 1.0)
-    yield Claim('peak memory in GiB at ten times the length', peaks[1] / GIB, 1.0)
+    bench.head(
+        f'{options.sensors} sensors at 1 kHz, report included', 's', 'memory of all processes, MiB'
+    )
+    bench.row(f'rosbags loop, allantools, no report, {minutes:g} min', f'{median(theirs):.1f}', '')
+    bench.row(f'imu-bench analyze, {minutes:g} min', f'{ours:.2f}', f'{peaks[0] >> 20}')
+    bench.row(
+        f'imu-bench analyze, {10 * minutes:g} min', f'{median(far):.2f}', f'{peaks[1] >> 20}'
+    )
+    ratio = median(theirs) / ours
+    bench.claim('whole analysis: times faster than the script', ratio, at_least=15.0)
+    bench.claim('ten times the length: times the time', median(far) / ours, at_most=10.0)
+    bench.claim('peak memory', peaks[0] / GIB, at_most=1.0, unit='GiB')
+    name = 'peak memory at ten times the length'
+    bench.claim(name, peaks[1] / GIB, at_most=1.0, unit='GiB')
 
 
-def start_up() -> Iterator[Claim]:
+def start_up(bench: Benchmark, turns: int) -> None:
     """Time the help text."""
     command = [*IMU_BENCH, '--help']
-    turns = [run(command, watched=False, stdout=subprocess.DEVNULL) for _ in range(2 * TURNS + 1)]
-    yield Claim('imu-bench --help in s', median(turn.seconds for turn in turns), 0.3)
-
-
-def main(folder: Path, *, quick: bool) -> int:
-    """Print the tables; return 1 if a claim does not hold."""
-    print(f'cores: {len(os.sched_getaffinity(0))}, load before: {os.getloadavg()[0]:.1f}\n')
-    minutes = QUICK_MINUTES if quick else MINUTES
-    claims = [
-        *start_up(),
-        *reading(folder),
-        # a minute is mostly the start of the program: the ratio is claimed for ten
-        *whole(folder, minutes, with_script=not quick),
+    seconds = [
+        run(command, watched=False, stdout=subprocess.DEVNULL).seconds
+        for _ in range(2 * turns + 1)
     ]
-    print('\n| claim | measured | target | |\n|---|---|---|---|')
-    for claim in claims:
-        sign, verdict = '≥' if claim.at_least else '≤', 'met' if claim.met else 'NOT MET'
-        print(f'| {claim.name} | {claim.measured:.3g} | {sign} {claim.target:g} | {verdict} |')
-    print(f'\nload after: {os.getloadavg()[0]:.1f}')
-    return 0 if all(claim.met for claim in claims) else 1
+    bench.claim('imu-bench --help', median(seconds), at_most=0.3, unit='s')
+
+
+def main() -> int:
+    bench = Benchmark(__doc__)
+    bench.add_size('--sensors', 6, quick=1, help='in every recording')
+    bench.add_size(
+        '--minutes', 10.0, quick=0.05, help='of the recording; another ten times longer'
+    )
+    bench.add_size('--read-minutes', 2.0, quick=0.05, help='of the recordings to columns')
+    bench.add_size('--storages', len(STORAGES), quick=1, help='formats to columns')
+    bench.add_size('--turns', 3, quick=1, help='of everything')
+    bench.add_argument('--folder', type=Path, help='keep the bags there for the next time')
+    options = bench.start()
+    with tempfile.TemporaryDirectory(prefix='imu_bench_') as temporary:
+        folder = options.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        start_up(bench, options.turns)
+        reading(bench, folder, options)
+        whole(bench, folder, options)
+    return bench.done()
 
 
 if __name__ == '__main__':
-    parser = argparse.ArgumentParser()
-    parser.add_argument('--quick', action='store_true', help='shorter recordings')
-    parser.add_argument('--folder', type=Path, help='keep the bags there for the next time')
-    arguments = parser.parse_args()
-    if arguments.folder is not None:
-        arguments.folder.mkdir(parents=True, exist_ok=True)
-        sys.exit(main(arguments.folder, quick=arguments.quick))
-    with tempfile.TemporaryDirectory(prefix='imu_bench_') as temporary:
-        sys.exit(main(Path(temporary), quick=arguments.quick))
+    sys.exit(main())

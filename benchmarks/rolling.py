@@ -5,21 +5,15 @@ What does the rolling analysis cost, and does it drift?
 First the cost per sample of six axes and 40 averaging times in blocks of 200, for windows
 of different length, beside the cost of computing the same curves anew from the window at
 every publication.  Then a long stream with huge transients in it, compared with the batch
-functions on the window again and again.  Run as ``python -m benchmarks.rolling [samples]``
-on an otherwise idle machine.
+functions on the window again and again.  Run it on an otherwise idle machine.
 """
 
 from __future__ import annotations
 
 import itertools
-import os
 import sys
 import time
 from typing import NamedTuple
-
-# one core means one core for the linear algebra library as well; read when numpy is imported
-os.environ.setdefault('OMP_NUM_THREADS', '1')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from imu_bench.metrology import allan
 from imu_bench.metrology.deviations import noise_type
@@ -28,13 +22,15 @@ from imu_bench.metrology.rolling import IMU_UNITS, RollingAnalysis, Window
 from imu_bench.metrology.stamps import timing
 import numpy as np
 
+from benchmarks._frame import Benchmark
+
 RATE = 1000.0
 PERIOD_NS = 1_000_000
 BLOCK = 200
 FACTORS = 40
-WINDOWS = (10.0, 60.0, 600.0)
+SHORTER_WINDOWS = (60, 10)
+"""Parts of the longest."""
 LIMIT_US = 1.5
-SAMPLES = 100_000_000
 TOLERANCE = 1e-9
 CHECKS = 20
 
@@ -67,22 +63,22 @@ def cost(window_s: float, noise: np.ndarray) -> Cost:
     stamp = 0
     for round_ in range(4):
         count = fill if round_ == 0 else 100_000
-        start = time.perf_counter()
+        start = time.process_time()
         for first in range(0, count, BLOCK):
             at = first % (len(noise) - BLOCK)
             live.append(np.arange(stamp, stamp + BLOCK) * PERIOD_NS, noise[at : at + BLOCK])
             stamp += BLOCK
         if round_:
-            per_block.append((time.perf_counter() - start) / count * 1e6)
+            per_block.append((time.process_time() - start) / count * 1e6)
     snapshots = []
     for _ in range(5):
-        start = time.perf_counter()
+        start = time.process_time()
         live.snapshot()
-        snapshots.append((time.perf_counter() - start) * 1e3)
+        snapshots.append((time.process_time() - start) * 1e3)
     size = round(window_s * RATE)
     window = np.resize(noise, (size, noise.shape[1]))
     stamps = np.arange(size) * PERIOD_NS
-    start = time.perf_counter()
+    start = time.process_time()
     grid = timing.grid(stamps)
     placed, _ = timing.place(window, grid)
     for axis, unit in enumerate(IMU_UNITS):
@@ -91,15 +87,15 @@ def cost(window_s: float, noise: np.ndarray) -> Cost:
             overlap='full', threads=1,
         )  # fmt: skip
     Moments.of(np.ascontiguousarray(window.T))
-    anew = (time.perf_counter() - start) * 1e3
+    anew = (time.process_time() - start) * 1e3
     phase = np.cumsum(window - window.mean(axis=0), axis=0).T.copy()
     types = []
     for _ in range(5):
-        start = time.perf_counter()
+        start = time.process_time()
         stretches = noise_type.Stretches(np.array([[0, phase.shape[1]]]))
         for axis in phase:
             noise_type.identify_within(stretches, axis, live.m)
-        types.append((time.perf_counter() - start) * 1e3)
+        types.append((time.process_time() - start) * 1e3)
     return Cost(min(per_block), min(snapshots), min(types), anew, live.nbytes / 1e6)
 
 
@@ -151,36 +147,34 @@ def drift(samples: int) -> float:
     return worst
 
 
-def main(samples: int = SAMPLES) -> int:
-    """Print the tables; return 1 if a claim does not hold."""
+def main() -> int:
+    bench = Benchmark(__doc__)
+    bench.add_size('--samples', 100_000_000, quick=1_000_000, help='of the long stream')
+    bench.add_size('--window', 600.0, quick=60.0, help='seconds of the longest window')
+    options = bench.start()
     noise = np.random.default_rng(1).normal([0, 0, 9.81, 0, 0, 0], 1.0, (100_000, 6))
-    print(f'six axes, {FACTORS} averaging times, blocks of {BLOCK}, 1 kHz')
-    print('| window | µs/sample | snapshot | noise types in it | anew | ratio | memory |')
-    print('|---|---|---|---|---|---|---|')
+    bench.head(
+        'window', 'µs/sample', 'snapshot', 'noise types in it', 'anew', 'ratio', 'memory',
+        title=f'six axes, {FACTORS} averaging times, blocks of {BLOCK}, 1 kHz',
+    )  # fmt: skip
     costs = []
-    for window_s in WINDOWS:
+    for window_s in (*(options.window / part for part in SHORTER_WINDOWS), options.window):
         found = cost(window_s, noise)
         costs.append(found)
         # one publication per second: the samples of that second and a snapshot
         ratio = found.anew / (found.per_sample * RATE * 1e-3 + found.snapshot)
-        print(
-            f'| {window_s:.0f} s | {found.per_sample:.2f} | {found.snapshot:.1f} ms '
-            f'| {found.noise_types:.1f} ms | {found.anew:.1f} ms | {ratio:.1f} '
-            f'| {found.memory:.1f} MB |'
-        )
-    print(f'\ndrift over {samples:,} samples with transients of a million sigma')
-    worst = drift(samples)
-    claims = (
-        ('µs per sample, whatever the window', max(c.per_sample for c in costs), LIMIT_US),
-        ('longest window over shortest, cost per sample',
-         costs[-1].per_sample / costs[0].per_sample, 1.5),
-        ('largest relative difference from the batch', worst, TOLERANCE),
-    )  # fmt: skip
-    print('\n| claim | measured | at most | |\n|---|---|---|---|')
-    for name, value, most in claims:
-        print(f'| {name} | {value:.2g} | {most:g} | {"met" if value <= most else "NOT MET"} |')
-    return int(any(value > most for _, value, most in claims))
+        times = (f'{ms:.1f} ms' for ms in (found.snapshot, found.noise_types, found.anew))
+        cells = f'{found.per_sample:.2f}', *times, f'{ratio:.1f}', f'{found.memory:.1f} MB'
+        bench.row(f'{window_s:.0f} s', *cells)
+    print(f'\ndrift over {options.samples:,} samples with transients of a million sigma')
+    worst = drift(options.samples)
+    dearest = max(found.per_sample for found in costs)
+    bench.claim('sample, whatever the window', dearest, at_most=LIMIT_US, unit='µs')
+    longest = costs[-1].per_sample / costs[0].per_sample
+    bench.claim('sample, longest window over shortest', longest, at_most=1.5)
+    bench.claim('largest relative difference from the batch', worst, at_most=TOLERANCE)
+    return bench.done()
 
 
 if __name__ == '__main__':
-    raise SystemExit(main(*(int(argument) for argument in sys.argv[1:2])))
+    sys.exit(main())

@@ -3,9 +3,8 @@
 How much faster than time is the simulated bench?
 
 One hour of the six sensors of Shabulinzenze 2020, some 17 million messages, into a bag and into
-columns; then the cost of a sample of noise at the beginning of a recording and after many
-hours, beside that of a common way to make flicker noise for a whole recording at once.
-Prints ratios; timings decide nothing.  Run as ``python -m benchmarks.simulate [seconds]``.
+columns; then the cost of a sample of noise at the beginning of a recording and after five times
+as many, beside that of a common way to make flicker noise for a whole recording at once.
 """
 
 from __future__ import annotations
@@ -18,29 +17,31 @@ import tempfile
 import time
 
 import allantools
-from imu_bench import bench
+from imu_bench.bench import load_bench, simulate
 from imu_bench.config.location import named_file
 from imu_bench.simulation.noise import Flicker, White
 from imu_bench.simulation.recording import write_bag, write_columns
 from imu_bench.simulation.scenario import load_scenario
 import numpy as np
 
-HOUR = 3600.0
-WANTED = {'columns': 500.0, 'mcap': 60.0, 'sqlite3': None}
+from benchmarks._frame import Benchmark
+from benchmarks._measured import gigabytes
+
+TIMES_REAL_TIME = {'columns': 500.0, 'mcap': 60.0, 'sqlite3': 0.0}
+"""Asked of each format; none of sqlite3, which is as fast as its library."""
+
+GROWTH = 1.5
+"""Times as dear a later sample may be; a cost that grows with what was made would be far above."""
+
 BLOCK = 1 << 13
 PERIOD_S = 1e-3
 
 
-def size(folder: Path) -> float:
-    """Return GB in a folder."""
-    return sum(file.stat().st_size for file in folder.rglob('*') if file.is_file()) / 1e9
-
-
-def write(kind: str, duration_s: float, folder: Path) -> None:
-    """Print one line of the table of formats."""
+def write(bench: Benchmark, kind: str, duration_s: float, folder: Path) -> None:
+    """Write one recording."""
     scenario = load_scenario('still')
-    config = bench.load_bench(named_file('benches', 'machine_vibration'))
-    sensors = [bench.simulate(sensor, scenario) for sensor in config.sensors]
+    config = load_bench(named_file('benches', 'machine_vibration'))
+    sensors = [simulate(sensor, scenario) for sensor in config.sensors]
     path = folder / kind
     begun, used = time.perf_counter(), time.process_time()
     if kind == 'columns':
@@ -48,53 +49,51 @@ def write(kind: str, duration_s: float, folder: Path) -> None:
     else:
         counts = write_bag(path, sensors, scenario, duration_s, storage=kind)
     took, used = time.perf_counter() - begun, time.process_time() - used
-    wanted = WANTED[kind]
-    print(
-        f'| {kind} | {sum(counts.values()) / 1e6:.2f} M | {size(path):.2f} GB | {took:.1f} s '
-        f'| {used / took:.1f} | {duration_s / took:.0f} | {wanted or "-"} |'
-    )
+    messages, ratio = f'{sum(counts.values()) / 1e6:.2f} M', duration_s / took
+    cells = f'{gigabytes(path):.2f} GB', f'{took:.1f} s', f'{used / took:.1f}', f'{ratio:.0f}'
+    bench.row(kind, messages, *cells)
+    if wanted := TIMES_REAL_TIME[kind]:
+        bench.claim(f'{kind}: times real time', ratio, at_least=wanted)
     shutil.rmtree(path)
 
 
 def cost(process: White | Flicker, samples: int) -> float:
     """Return ns per sample for the next samples of a process."""
-    begun = time.perf_counter()
+    begun = time.process_time()
     for _ in range(0, samples, BLOCK):
         process.sample(BLOCK, PERIOD_S)
-    return (time.perf_counter() - begun) / samples * 1e9
+    return (time.process_time() - begun) / samples * 1e9
 
 
-def growth() -> None:
-    """Print what a sample costs at the beginning and later, and all at once."""
-    count = 1 << 22
-    print('\n| noise | first hour | sixth hour | whole hour at once (allantools, FFT) |')
-    print('|---|---|---|---|')
-    for name, process in (('white', White), ('flicker', Flicker)):
+def growth(bench: Benchmark, count: int) -> None:
+    """Show what a sample costs at the beginning and later, and all at once."""
+    bench.head('noise', 'first', 'later', 'all at once (allantools, FFT)', title='ns per sample')
+    for process, whole in ((White, allantools.noise.white), (Flicker, allantools.noise.pink)):
         made = process(1.0, np.random.default_rng(1))
         cost(made, BLOCK)
         first = cost(made, count)
         cost(made, 4 * count)
         later = cost(made, count)
-        begun = time.perf_counter()
-        (allantools.noise.white if name == 'white' else allantools.noise.pink)(count)
-        whole = (time.perf_counter() - begun) / count * 1e9
-        print(
-            f'| {name} | {first:.1f} ns | {later:.1f} ns (x{later / first:.2f}) '
-            f'| {whole:.1f} ns (x{whole / first:.1f}) |'
-        )
+        begun = time.process_time()
+        whole(count)
+        at_once = (time.process_time() - begun) / count * 1e9
+        name = process.__name__.lower()
+        bench.row(name, f'{first:.1f}', f'{later:.1f}', f'{at_once:.1f} (x{at_once / first:.2f})')
+        bench.claim(f'{name} noise: later sample over first', later / first, at_most=GROWTH)
 
 
-def main(duration_s: float = HOUR) -> int:
-    """Print the tables."""
-    print(f'{duration_s:g} s of six sensors on {os.cpu_count()} cores\n')
-    print('| written as | messages | size | time | cores used | times real time | wanted |')
-    print('|---|---|---|---|---|---|---|')
+def main() -> int:
+    bench = Benchmark(__doc__)
+    bench.add_size('--seconds', 3600.0, quick=10.0, help='simulated time')
+    bench.add_size('--noise', 1 << 22, quick=1 << 18, help='samples of noise that are timed')
+    options = bench.start()
+    bench.head('written as', 'messages', 'size', 'time', 'cores used', 'times real time')
     with tempfile.TemporaryDirectory(dir=os.environ.get('TMPDIR', '.')) as folder:
-        for kind in WANTED:
-            write(kind, duration_s, Path(folder))
-    growth()
-    return 0
+        for kind in TIMES_REAL_TIME:
+            write(bench, kind, options.seconds, Path(folder))
+    growth(bench, options.noise)
+    return bench.done()
 
 
 if __name__ == '__main__':
-    sys.exit(main(float(sys.argv[1]) if len(sys.argv) > 1 else HOUR))
+    sys.exit(main())

@@ -3,15 +3,12 @@
 The whole campaign of Capriglione et al. 2021, simulated and analysed in one command.
 
 Four service conditions, three axes and five repetitions on three sensors: 180 runs in 60
-recordings of 16 min, and nine recordings of the sine alone as reference of the SNR.  Prints how
-long it took, the most memory that was held, and what came out.  Run as
-``python -m benchmarks.vehicle_plan [--short] [--keep DIR]``; ``--short`` takes zones of 20 s,
-40 s and 20 s and two repetitions.
+recordings of 16 min, and nine recordings of the sine alone as reference of the SNR.  ``--zone 40
+--repetitions 2`` takes some ten minutes.
 """
 
 from __future__ import annotations
 
-import argparse
 from concurrent.futures import ThreadPoolExecutor
 import json
 import os
@@ -23,11 +20,12 @@ import time
 from typing import NamedTuple
 
 from benchmarks import _measured
+from benchmarks._frame import Benchmark
 
 CONDITIONS = ('sc1', 'sc2', 'sc3', 'sc4')
 AXES = ('x', 'y', 'z')
-REPETITIONS = 5
-SHORT = ('zones.before=20 s', 'zones.test=40 s', 'zones.after=20 s')
+SENSORS = 3
+GIB = 1 << 30
 AT_ONCE = 2
 """Recordings that are simulated side by side, each on three threads."""
 
@@ -41,22 +39,22 @@ class Recording(NamedTuple):
     settings: tuple[str, ...]
 
 
-def plan(short: bool) -> list[Recording]:
-    """Return every recording of the campaign."""
-    zones = SHORT if short else ()
+def plan(conditions: int, axes: int, repetitions: int, zone_s: float) -> list[Recording]:
+    """Return every recording of the campaign; 3 min of rest go with 10 min of vibration."""
+    zones = tuple(
+        f'zones.{name}={part * zone_s:g} s'
+        for name, part in (('before', 0.3), ('test', 1.0), ('after', 0.3))
+    )
     made = []
-    for condition in CONDITIONS:
-        for axis in AXES:
-            common = (f'axis={axis}', *zones)
-            for repetition in range(1, (2 if short else REPETITIONS) + 1):
+    for condition in CONDITIONS[:conditions]:
+        for axis in AXES[:axes]:
+            scenario, common = f'sine_on_random_{condition}', (f'axis={axis}', *zones)
+            for repetition in range(1, repetitions + 1):
                 name = f'{condition}_{axis}_{repetition}'
-                made.append(
-                    Recording(name, f'sine_on_random_{condition}', repetition, common)
-                )  # fmt: skip
+                made.append(Recording(name, scenario, repetition, common))
             if condition != 'sc4':  # a swept sine has no SNR
                 alone = (*common, 'random.density=0 g²/Hz')
-                name = f'{condition}_{axis}_sine'
-                made.append(Recording(name, f'sine_on_random_{condition}', 9, alone))
+                made.append(Recording(f'{condition}_{axis}_sine', scenario, 9, alone))
     return made
 
 
@@ -72,19 +70,13 @@ def simulate(recording: Recording, folder: Path) -> None:
         raise RuntimeError(f'{recording.name}: {done.stderr.strip()}')
 
 
-def size(folder: Path) -> float:
-    """Return GB in a folder."""
-    return sum(file.stat().st_size for file in folder.rglob('*') if file.is_file()) / 1e9
-
-
-def run(folder: Path, short: bool) -> None:
-    """Simulate, analyse, and print a table."""
-    recordings = plan(short)
+def run(bench: Benchmark, folder: Path, recordings: list[Recording]) -> None:
+    """Simulate and analyse."""
     begun = time.perf_counter()
     with ThreadPoolExecutor(AT_ONCE) as pool:
         list(pool.map(lambda one: simulate(one, folder), recordings))
     simulated = time.perf_counter() - begun
-    stored = size(folder)
+    stored = _measured.gigabytes(folder)
     found = _measured.run(
         ['imu-bench', 'analyze', '--plan', 'sine-on-random', '--cache', 'none',
          *(str(folder / one.name) for one in recordings),
@@ -93,28 +85,29 @@ def run(folder: Path, short: bool) -> None:
     )  # fmt: skip
     document = json.loads((folder / 'plan.json').read_text(encoding='utf-8'))
     runs = len(document['values']['runs'])
-    print(f'{len(recordings)} recordings, {runs} runs, {stored:.2f} GB, {os.cpu_count()} cores\n')
-    print('| step | time | memory |')
-    print('|---|---|---|')
-    print(f'| simulate | {simulated:.0f} s | - |')
-    print(f'| analyse, with report | {found.seconds:.0f} s | {found.peak / 1e6:.0f} MB |\n')
-    for line in document['summary']:
-        print(line)
+    bench.head('step', 'time', title=f'{len(recordings)} recordings, {stored:.2f} GB')
+    bench.row('simulate', f'{simulated:.0f} s')
+    bench.row('analyse, with report', f'{found.seconds:.0f} s')
+    print('', *document['summary'], sep='\n')
+    wanted = SENSORS * len(recordings)
+    bench.claim('runs found', runs, at_least=wanted, at_most=wanted)
+    bench.claim('peak memory of the analysis', found.peak / GIB, at_most=1.0, unit='GiB')
 
 
 def main() -> int:
-    """Run the campaign."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--short', action='store_true', help='short zones, two repetitions')
-    parser.add_argument('--keep', type=Path, metavar='DIR', help='keep recordings and report')
-    arguments = parser.parse_args()
-    if arguments.keep is not None:
-        arguments.keep.mkdir(parents=True)
-        run(arguments.keep, arguments.short)
-        return 0
-    with tempfile.TemporaryDirectory(dir=os.environ.get('TMPDIR')) as folder:
-        run(Path(folder), arguments.short)
-    return 0
+    bench = Benchmark(__doc__)
+    bench.add_size('--conditions', len(CONDITIONS), quick=1, help='service conditions')
+    bench.add_size('--axes', len(AXES), quick=1, help='axes')
+    bench.add_size('--repetitions', 5, quick=1, help='of each')
+    bench.add_size('--zone', 600.0, quick=20.0, help='seconds of vibration in each recording')
+    bench.add_argument('--keep', type=Path, metavar='DIR', help='keep recordings and report')
+    options = bench.start()
+    recordings = plan(options.conditions, options.axes, options.repetitions, options.zone)
+    with tempfile.TemporaryDirectory(dir=os.environ.get('TMPDIR')) as temporary:
+        folder = options.keep or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=options.keep is None)
+        run(bench, folder, recordings)
+    return bench.done()
 
 
 if __name__ == '__main__':

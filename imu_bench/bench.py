@@ -17,38 +17,36 @@ from imu_bench import config, drivers
 from imu_bench.acquisition import Acquisition, AcquisitionStats, Device, Tape
 from imu_bench.acquisition.correction import correction
 from imu_bench.bus.clock import SystemClock
+from imu_bench.bus.iio import IioDevice, IioSensor
 from imu_bench.bus.interface import Clock
-from imu_bench.bus.opening import kind_among, open_bus
+from imu_bench.bus.opening import open_bus
 from imu_bench.bus.recording import Played, Player, read_head, Recorder
 from imu_bench.config import BenchConfig, SensorConfig
 from imu_bench.config.beginning import Beginning
+from imu_bench.config.campaign import BenchTest
 from imu_bench.config.faults import Fault, script
 from imu_bench.config.schema import Checkable
 from imu_bench.drivers.driver import Driver
 from imu_bench.errors import ConfigError, RecordingError
 from imu_bench.samples import Samples
+from imu_bench.wires import kind_of_bus, shared_wire
 
 if TYPE_CHECKING:
-    from imu_bench.emulators.line import Line
+    from imu_bench.emulators.line import Line, Wire
     from imu_bench.simulation.scenario import Scenario
     from imu_bench.simulation.simulated import SimulatedSensor
 
-GENERIC = 'generic'
-"""Name of the driver that stands in for a sensor that has none yet."""
+GENERIC, IIO = 'generic', 'iio'
+"""Names of the drivers of sensors that have none: simulated, and read by the Linux kernel."""
+
+_WITHOUT_CHIP = {GENERIC: 'imu_bench.simulation.generic', IIO: 'imu_bench.bus.iio'}
 
 _NO_LIMIT = 1 << 62
 
 
 def driver_names() -> list[str]:
-    """
-    Return everything a sensor's `driver` may be.
-
-    Examples
-    --------
-    >>> 'generic' in driver_names()
-    True
-    """
-    return sorted([*drivers.names(), GENERIC])
+    """Return everything a sensor's `driver` may be."""
+    return sorted([*drivers.names(), *_WITHOUT_CHIP])
 
 
 def settings_of(driver: str) -> Iterable[Checkable]:
@@ -62,13 +60,10 @@ def settings_of(driver: str) -> Iterable[Checkable]:
     """
     if not driver:
         raise ConfigError(f'missing; allowed: {", ".join(driver_names())}')
-    if driver == GENERIC:
-        from imu_bench.simulation import generic
-
-        return generic.SETTINGS
+    if driver in _WITHOUT_CHIP:
+        return tuple(import_module(_WITHOUT_CHIP[driver]).SETTINGS)
     if driver not in drivers.names():
-        hint = config.suggestion(driver, driver_names())
-        raise ConfigError(f'no driver {driver!r}; {hint}')
+        raise ConfigError(f'no driver {driver!r}; {config.suggestion(driver, driver_names())}')
     return drivers.load(driver).settings
 
 
@@ -86,7 +81,7 @@ def load_sensor(
     sensor = config.load_sensor(
         path, name=name, overrides=overrides, settings_of=settings_of, recorded_in=read_head
     )
-    faults_of(sensor)
+    _check(sensor)
     return sensor
 
 
@@ -101,8 +96,20 @@ def load_bench(path: str | Path) -> BenchConfig:
     """
     loaded = config.load_bench(path, settings_of=settings_of, recorded_in=read_head)
     for sensor in loaded.sensors:
-        faults_of(sensor)
+        _check(sensor)
+    for test in loaded.tests:
+        as_tested(loaded, test)
     return loaded
+
+
+def _check(sensor: SensorConfig) -> None:
+    faults_of(sensor)
+    drivers.check_lines(sensor.driver, sensor.lines, sensor.source)
+
+
+def as_tested(loaded: BenchConfig, test: BenchTest) -> BenchConfig:
+    """Return a bench with its sensors set as one of its tests wants them, or raise ConfigError."""
+    return config.as_tested(loaded, test, load_sensor)
 
 
 def faults_of(sensor: SensorConfig) -> tuple[Fault, ...]:
@@ -145,8 +152,6 @@ def label(sensor: SensorConfig) -> str:
 
     Examples
     --------
-    >>> label(SensorConfig('left', 'mpu9250', 'emulated'))
-    'emulated mpu9250'
     >>> label(SensorConfig('left', 'mpu9250', 'hardware', bus='i2c-1', address=0x69))
     'hardware mpu9250 i2c-1 0x69'
     >>> label(SensorConfig('left', 'mpu9250', 'recorded', recorded_from='emulated mpu9250'))
@@ -155,12 +160,16 @@ def label(sensor: SensorConfig) -> str:
     if sensor.backend == 'recorded':
         return f'recorded {sensor.recorded_from or sensor.driver}'
     address = '' if sensor.address is None else f'0x{sensor.address:02X}'
+    if sensor.backend == IIO:
+        return f'{IIO} {sensor.bus}'
     place = (sensor.bus, address) if sensor.backend == 'hardware' else ()
     return ' '.join(filter(None, (sensor.backend, sensor.driver, *place)))
 
 
 def import_all(sensor: SensorConfig) -> None:
     """Import what `build` will need for this sensor, for those who want it to be quick."""
+    if sensor.driver in drivers.names():
+        drivers.load(sensor.driver)
     if sensor.backend == 'emulated':
         import_module('imu_bench.simulation.world')
         import_module('imu_bench.emulators.faults')
@@ -180,7 +189,6 @@ def build(
 
     Parameters
     ----------
-    sensor : SensorConfig
     clock : Clock, optional
         The computer's own by default.
     capacity_samples, on_data
@@ -212,20 +220,7 @@ def build(
 
 
 def play(path: str | Path) -> tuple[list[Samples], AcquisitionStats]:
-    """
-    Return everything that a wire recording gives, as fast as possible, and how it went.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Raises
-    ------
-    ConfigError
-        If it is no wire recording.
-    RecordingError
-        If it cannot be played to its end, with the event at which it differs.
-    """
+    """Return everything that a wire recording gives, as fast as possible, and how it went."""
     from imu_bench.simulation.clock import SimulatedClock
 
     given = {'backend': 'recorded', 'wire_recording': str(path)}
@@ -290,6 +285,8 @@ def _assembled(
     beginning: Beginning | None,
 ) -> tuple[Device, Clock, Tape | None]:
     """Return the device, the clock it shares with its acquisition, and what records or plays."""
+    if sensor.driver == IIO:
+        return IioSensor(IioDevice(sensor.bus), clock, sensor.settings), clock, None
     if sensor.driver == GENERIC:
         return _generic(sensor, clock, beginning), clock, None
     driver = drivers.load(sensor.driver)
@@ -300,10 +297,15 @@ def _assembled(
         return Played(driver(player.wires, player, sensor.settings)), player, player
     if sensor.backend == 'hardware':
         buses: Mapping[str, Any] = open_bus(
-            sensor.bus, driver.wiring, driver.bus_kinds, sensor.address
+            sensor.bus, driver.wiring, driver.bus_kinds, clock=clock, **sensor.place
         )
     else:
-        buses = _switched_on(sensor, clock, switched_on_ns, beginning)
+        wire = shared_wire(sensor, clock)
+        if isinstance(clock, SystemClock):
+            from imu_bench.emulators.waiting import Waiting
+
+            clock = Waiting(clock)
+        buses = _switched_on(sensor, clock, switched_on_ns, beginning, wire)
     if not sensor.wire_recording:
         return driver(buses, clock, sensor.settings), clock, None
     values = driver.check_settings(sensor.settings)
@@ -329,11 +331,15 @@ def _generic(sensor: SensorConfig, clock: Clock, beginning: Beginning | None) ->
 
 
 def _switched_on(
-    sensor: SensorConfig, clock: Clock, switched_on_ns: int | None, beginning: Beginning | None
+    sensor: SensorConfig,
+    clock: Clock,
+    switched_on_ns: int | None,
+    beginning: Beginning | None,
+    wire: Wire | None,
 ) -> Mapping[str, Any]:
     """Return the buses of an emulated chip that has just started, with its faults."""
     faults = faults_of(sensor)
-    buses = emulated_buses(sensor, clock, beginning=beginning)
+    buses = emulated_buses(sensor, clock, beginning=beginning, wire=wire)
     driver = drivers.load(sensor.driver)
     if faults:
         from imu_bench.emulators.faults import wrap
@@ -344,43 +350,14 @@ def _switched_on(
     return buses
 
 
-def kind_of_bus(sensor: SensorConfig) -> str:
-    """
-    Return by which of its driver's kinds of bus a sensor is reached.
-
-    Raises
-    ------
-    ConfigError
-        If the name of its bus tells none.
-
-    Examples
-    --------
-    >>> kind_of_bus(SensorConfig('tilt', 'scl3300', 'hardware', bus='spidev0.0'))
-    'frame'
-    """
-    kinds = drivers.load(sensor.driver).bus_kinds
-    kind = sensor.bus if sensor.bus in ('', *kinds) else kind_among(sensor.bus, kinds)
-    return kind or kinds[0]
-
-
 def emulated_buses(
     sensor: SensorConfig,
     clock: Clock,
     line: Line | None = None,
     beginning: Beginning | None = None,
+    wire: Wire | None = None,
 ) -> Mapping[str, Any]:
-    """
-    Return the emulated buses of a sensor that has a driver; the chip is switched on now.
-
-    Parameters
-    ----------
-    sensor : SensorConfig
-    clock : Clock
-    line : Line, optional
-        A wire to share; one of its own by default.
-    beginning : Beginning, optional
-        When its scenario begins; as its file says by default.
-    """
+    """Return the emulated buses of a sensor, on a line or wire to share; it is switched on now."""
     from imu_bench import emulators
     from imu_bench.simulation.world import sensor_source
 
@@ -389,7 +366,9 @@ def emulated_buses(
     source = sensor_source(
         sensor, driver.typical, 1.0, clock.now_ns(), on_wire=True, beginning=beginning
     )
-    # a device on a serial line of its own speed was brought to it when it was first used
-    options = {'baud': sensor.settings['baud']} if 'baud' in sensor.settings else {}
-    kind = kind_of_bus(sensor)
-    return emulators.create(sensor.driver, kind, source, clock, line=line, **options)
+    options = {name: sensor.settings[name] for name in driver.described if name in sensor.settings}
+    if (kind := kind_of_bus(sensor)) in ('spi', 'frame'):
+        options['speed_hz'] = sensor.spi_hz
+    return emulators.create(
+        sensor.driver, kind, source, clock, line=line, wire=wire, lines=sensor.lines, **options
+    )

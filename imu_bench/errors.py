@@ -7,6 +7,9 @@ Each leaf is also the builtin that a Python user expects, so that both
 The text of every error names what is wrong, where, and what to do next.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class BenchError(Exception):
     """Root of every error that the bench raises on purpose."""
@@ -26,6 +29,10 @@ class UnitError(BenchError, ValueError):
 
 class RecordingError(BenchError, ValueError):
     """A recording cannot be read, or holds nothing that can be analysed."""
+
+
+class TooShort(RecordingError):
+    """A topic has fewer samples than can be analysed."""
 
 
 class RecordingOver(RecordingError):
@@ -62,6 +69,37 @@ class IdentityError(BenchError, RuntimeError):
 
 class NotReady(BenchError, RuntimeError):
     """The device or component was asked before it had anything to give."""
+
+
+@contextmanager
+def needed(package: str, why: str) -> Iterator[None]:
+    """
+    Say what to install when the import of an optional package inside fails.
+
+    Parameters
+    ----------
+    package : str
+        Its name for pip.
+    why : str
+        What needs it, as the beginning of a sentence.
+
+    Raises
+    ------
+    NotReady
+        If the package is not installed.
+
+    Examples
+    --------
+    >>> with needed('nosuch', 'a bag compressed with lz4'):
+    ...     import nosuch
+    Traceback (most recent call last):
+    ...
+    imu_bench.errors.NotReady: a bag compressed with lz4 needs nosuch: pip install nosuch
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise NotReady(f'{why} needs {package}: pip install {package}') from error
 
 
 def os_error_text(error: OSError) -> str:

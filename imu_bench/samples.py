@@ -5,28 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any
 
 from imu_bench.errors import DataError
+from msg_conversions.quantities import QUANTITIES
 import numpy as np
 import numpy.typing as npt
 
-AXES = ('x', 'y', 'z')
-
-
-class Quantity(NamedTuple):
-    """A measured vector quantity: its name in results and topics, its field here, its SI unit."""
-
-    name: str
-    field: str
-    unit: str
-
-
-LINEAR_ACCELERATION = Quantity('linear_acceleration', 'acceleration', 'm/s²')
-ANGULAR_VELOCITY = Quantity('angular_velocity', 'angular_velocity', 'rad/s')
-IMU_QUANTITIES = (LINEAR_ACCELERATION, ANGULAR_VELOCITY)
-
-_VECTORS = ('acceleration', 'angular_velocity', 'magnetic_field', 'inclination')
+_FIELDS = tuple(quantity.field for quantity in QUANTITIES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,38 +59,37 @@ class Samples:
     orientation: npt.NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
+        columns = self.__dict__
         stamps = _frozen(np.asarray(self.stamps, dtype=np.int64))
         if stamps.ndim != 1:
             raise DataError(f'stamps must have shape (n,), got {stamps.shape}')
-        object.__setattr__(self, 'stamps', stamps)
-        for name in _VECTORS:
-            self._accept(name, (stamps.size, 3))
-        self._accept('temperature', (stamps.size,))
-        self._accept('orientation', (stamps.size, 4))
-
-    def _accept(self, name: str, shape: tuple[int, ...]) -> None:
-        given = getattr(self, name)
-        if given is None:
-            return
-        values = _frozen(np.asarray(given, dtype=np.float64))
-        if values.size == 0 == shape[0]:
-            values = _frozen(values.reshape(shape))
-        if values.shape != shape:
-            raise DataError(f'{name} must have shape {shape} like the stamps, got {values.shape}')
-        object.__setattr__(self, name, values)
+        columns['stamps'] = stamps
+        n = stamps.shape[0]
+        for quantity in QUANTITIES:
+            name = quantity.field
+            if columns[name] is not None:
+                columns[name] = _accepted(name, columns[name], (n, *quantity.shape))
 
     def __len__(self) -> int:
-        return int(self.stamps.size)
+        return len(self.stamps)
 
     def __getitem__(self, part: slice) -> Samples:
         """Return the samples of a slice; the arrays are views, nothing is copied."""
         if not isinstance(part, slice):
             raise TypeError(f'Samples are sliced, not indexed: got {part!r}')
-        columns: dict[str, Any] = {
-            field.name: None if (column := getattr(self, field.name)) is None else column[part]
-            for field in fields(self)
-        }
-        return Samples(**columns)
+        # slices of what was checked need no check, and stay read-only
+        run = object.__new__(Samples)
+        run.__dict__.update(
+            (name, None if column is None else column[part])
+            for name, column in self.__dict__.items()
+        )
+        return run
+
+    @property
+    def columns(self) -> dict[str, npt.NDArray[np.float64]]:
+        """The columns that it has beside the stamps, by their names."""
+        every = self.__dict__
+        return {name: every[name] for name in _FIELDS if every[name] is not None}
 
     def restamped(self, stamps: npt.NDArray[np.int64]) -> Samples:
         """
@@ -151,8 +136,18 @@ class Samples:
         return cls(**joined)
 
 
+def _accepted(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Return a column as it is kept; raise if its shape is not the one it must have."""
+    values = np.asarray(given, dtype=np.float64)
+    if values.size == 0 == shape[0]:
+        values = values.reshape(shape)
+    if values.shape != shape:
+        raise DataError(f'{name} must have shape {shape} like the stamps, got {values.shape}')
+    return _frozen(values)
+
+
 def _frozen(array: np.ndarray) -> np.ndarray:
     """Return a read-only view, so that the caller's own array stays as it was."""
     view = array.view()
-    view.flags.writeable = False
+    view.setflags(write=False)
     return view

@@ -35,7 +35,7 @@ _ROOT_HOUR = math.sqrt(HOUR)
 _DIMENSIONS: dict[str, dict[str, float]] = {
     'number': {'1': 1.0, '%': 1e-2, 'ppm': 1e-6},
     'level': {'dB': 1.0},
-    'acceleration': _ACCELERATION,
+    'acceleration': _ACCELERATION | {'mm/s²': 1e-3},
     'angular velocity': _RATE,
     'velocity': {'m/s': 1.0, 'mm/s': 1e-3},
     'angle': {'rad': 1.0, '°': DEGREE, 'arcsec': DEGREE / 3600.0},

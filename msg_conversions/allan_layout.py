@@ -52,19 +52,12 @@ class AllanArray(NamedTuple):
 
 
 class AllanCurves(NamedTuple):
-    """
-    What the message says.
+    """What the message says."""
 
-    Attributes
-    ----------
-    start_ns, end_ns : int
-        Stamps of the first and the last sample of the window.
-    curves : dict of str to (dict of str to ndarray of float64, shape (k,))
-        For each axis its fields (`FIELDS`); an axis that could not be analysed is absent.
-    """
-
+    # start_ns, end_ns: stamps of the first and the last sample of the window
     start_ns: int
     end_ns: int
+    # for each axis its fields (`FIELDS`); an axis that could not be analysed is absent
     curves: dict[str, dict[str, Floats]]
 
 

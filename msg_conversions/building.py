@@ -32,11 +32,6 @@ def time(stamp_ns: int) -> Time:
     """
     Return builtin_interfaces/Time of a stamp in nanoseconds since the epoch.
 
-    Raises
-    ------
-    ValueError
-        If the stamp does not fit.
-
     Examples
     --------
     >>> time(1_500_000_000)
@@ -67,7 +62,6 @@ def imu(
     ----------
     stamp_ns : int
         Time of measurement.
-    frame_id : str
     acceleration, angular_velocity : sequence of 3 float, optional
         In m/s² and rad/s.
     acceleration_covariance, angular_velocity_covariance : sequence of 9 float
@@ -158,7 +152,6 @@ def diagnostic_status(
     ----------
     name : str
         Such as 'mpu9250: acquisition'.
-    level : {'ok', 'warn', 'error', 'stale'}
     message : str
         One line for people.
     hardware_id : str

@@ -81,32 +81,19 @@ class Columns(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ImuBlock:
-    """
-    A block of sensor_msgs/Imu.
+    """A block of sensor_msgs/Imu."""
 
-    Attributes
-    ----------
-    stamps : ndarray of int64, shape (n,)
-        Nanoseconds since the epoch.
-    acceleration, angular_velocity : ndarray of float64, shape (n, 3)
-        In m/s² and rad/s, as found; see `has_acceleration`.
-    acceleration_covariance, angular_velocity_covariance : ndarray of float64, shape (n,)
-        First element of each covariance: -1 where the quantity is not reported.
-    frame_ids : tuple of str
-        Each frame_id that occurs, once, sorted.
-    orientation : ndarray of float64, shape (n, 4), or None
-        x, y, z, w; None unless asked for.
-    covariances : ndarray of float64, shape (n, 27), or None
-        Those of orientation, angular velocity and acceleration; None unless asked for.
-    """
-
-    stamps: npt.NDArray[np.int64]
+    stamps: npt.NDArray[np.int64]  # nanoseconds since the epoch
+    # acceleration, angular_velocity: in m/s² and rad/s, as found; see `has_acceleration`
     acceleration: Floats
     angular_velocity: Floats
+    # acceleration_covariance, angular_velocity_covariance: first element of each covariance: -1
+    # where the quantity is not reported
     acceleration_covariance: Floats
     angular_velocity_covariance: Floats
-    frame_ids: tuple[str, ...]
-    orientation: Floats | None = None
+    frame_ids: tuple[str, ...]  # each frame_id that occurs, once, sorted
+    orientation: Floats | None = None  # x, y, z, w; None unless asked for
+    # those of orientation, angular velocity and acceleration; None unless asked for
     covariances: Floats | None = None
 
     def __len__(self) -> int:
@@ -162,7 +149,6 @@ def decode_imu_at(
 
     Parameters
     ----------
-    data : bytes-like
     offsets, sizes : array_like of int64, shape (n,)
         Where each message lies, in bytes.
     full : bool
@@ -232,19 +218,8 @@ def decode_stamped(blobs: Sequence[bytes], count: int) -> Stamped:
 
     Parameters
     ----------
-    blobs : sequence of bytes, length n
     count : int
         Such as `IMU`, `MAGNETIC_FIELD`, `TEMPERATURE`.
-
-    Returns
-    -------
-    Stamped
-        With stamps (n,) and values (n, count), in the order given.
-
-    Raises
-    ------
-    ValueError
-        If a message is too short or of an unknown encapsulation; the text gives its index.
     """
     return decode_joined(*_end_to_end(blobs), count)
 
@@ -255,16 +230,10 @@ def decode_joined(data: Buffer, offsets: npt.ArrayLike, count: int) -> Stamped:
 
     Parameters
     ----------
-    data : bytes-like
     offsets : array_like of int64, shape (n + 1,)
         Message i is ``data[offsets[i]:offsets[i + 1]]``.
     count : int
         Number of float64 after the header, such as `IMU`.
-
-    Raises
-    ------
-    ValueError
-        As `decode_stamped`.
     """
     edges = np.asarray(offsets, dtype=np.int64)
     found = decode_at(data, edges[:-1], np.diff(edges), count, (slice(0, count),))
@@ -283,7 +252,6 @@ def decode_at(
 
     Parameters
     ----------
-    data : bytes-like
     offsets, sizes : array_like of int64, shape (n,)
         Where each message lies, in bytes.
     count : int

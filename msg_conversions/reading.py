@@ -99,11 +99,6 @@ def allan_from_message(message: Any) -> AllanCurves:
     ----------
     message : std_msgs/Float64MultiArray
         Of rclpy or of rosbags, laid out as `msg_conversions.allan_layout` says.
-
-    Raises
-    ------
-    ValueError
-        If the array is not laid out so.
     """
     return unpack(message)
 

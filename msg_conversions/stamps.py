@@ -22,7 +22,6 @@ def split(stamps_ns: npt.ArrayLike) -> tuple[npt.NDArray[np.int32], npt.NDArray[
 
     Returns
     -------
-    sec : ndarray of int32, shape (n,)
     nanosec : ndarray of uint32, shape (n,)
         Always 0 to 999 999 999; the sign is in the seconds (builtin_interfaces/Time.msg).
 
@@ -49,14 +48,6 @@ def split(stamps_ns: npt.ArrayLike) -> tuple[npt.NDArray[np.int32], npt.NDArray[
 def join(sec: npt.ArrayLike, nanosec: npt.ArrayLike) -> npt.NDArray[np.int64]:
     """
     Return nanoseconds since the epoch from the fields of builtin_interfaces/Time.
-
-    Parameters
-    ----------
-    sec, nanosec : array_like, shape (n,)
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
 
     Examples
     --------

@@ -31,7 +31,6 @@ class Template:
 
     Parameters
     ----------
-    frame_id : str
     constant : array_like of float64, shape (k,)
         All numbers of the message; those that vary are overwritten in each block.
 
@@ -75,7 +74,6 @@ class Template:
 
         Parameters
         ----------
-        stamps_ns : array_like of int64, shape (n,)
         *columns : (slice, array_like of float64, shape (n, width), or None)
             Which numbers vary, and their values; None leaves the constant ones.
 
@@ -99,7 +97,6 @@ class ImuTemplate(Template):
 
     Parameters
     ----------
-    frame_id : str
     acceleration_covariance, angular_velocity_covariance, orientation_covariance : 9 float each
         By `msg_conversions.covariance`; NOT_REPORTED for a quantity the sensor does not have.
 
@@ -134,24 +131,7 @@ class ImuTemplate(Template):
         angular_velocity: npt.ArrayLike | None = None,
         orientation: npt.ArrayLike | None = None,
     ) -> list[bytes]:
-        """
-        Return one serialised sensor_msgs/Imu per stamp.
-
-        Parameters
-        ----------
-        stamps_ns : array_like of int64, shape (n,)
-        acceleration : array_like of float64, shape (n, 3), optional
-            In m/s²; zeros where None.
-        angular_velocity : array_like of float64, shape (n, 3), optional
-            In rad/s; zeros where None.
-        orientation : array_like of float64, shape (n, 4), optional
-            x, y, z, w; no rotation where None.
-
-        Raises
-        ------
-        ValueError
-            If a stamp does not fit the message.
-        """
+        """Return one serialised sensor_msgs/Imu per stamp."""
         columns = self._imu(acceleration, angular_velocity)
         return self.encode(stamps_ns, *columns, (IMU_ORIENTATION, orientation))
 
@@ -160,16 +140,11 @@ class ImuTemplate(Template):
         stamps_ns: npt.ArrayLike,
         acceleration: npt.ArrayLike | None = None,
         angular_velocity: npt.ArrayLike | None = None,
+        orientation: npt.ArrayLike | None = None,
     ) -> npt.NDArray[np.uint8]:
-        """
-        Return serialised sensor_msgs/Imu as rows, shape (n, bytes); parameters as `encode_imu`.
-
-        Examples
-        --------
-        >>> ImuTemplate('imu_link').imu_rows([0, 1], [[0, 0, 9.8], [0, 0, 9.9]]).shape
-        (2, 324)
-        """
-        return self.rows(stamps_ns, *self._imu(acceleration, angular_velocity))
+        """Return serialised sensor_msgs/Imu as rows, shape (n, bytes); see `encode_imu`."""
+        columns = self._imu(acceleration, angular_velocity)
+        return self.rows(stamps_ns, *columns, (IMU_ORIENTATION, orientation))
 
     @staticmethod
     def _imu(

@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fixtures for every test: the shared recordings, and a ROS 2 that stays on this machine."""
 
+import base64
 import fcntl
+import gzip
+import json
 import os
 from pathlib import Path
+import re
 import tempfile
 
+from imu_bench.nodes import network
 import pytest
 
 # each worker of the tests is one core; said before anything imports numpy
@@ -14,7 +19,9 @@ for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 ROOT = Path(__file__).resolve().parent.parent
 
-SPREAD = {'test_every_driver.py', 'test_every_fault.py'}
+SPREAD = {
+    'test_benchmarks.py', 'test_every_driver.py', 'test_every_fault.py', 'test_imports.py',
+}  # fmt: skip
 """Files of many tests without fixtures to share: any worker takes the next of them."""
 
 
@@ -43,7 +50,9 @@ def own_domain(config):
 
 def pytest_configure(config):
     """Keep ROS 2 on this machine and strict, before anything imports rclpy."""
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ.update(network.variables(network.ALONE, {}))
+    for name in network.CLEARED:
+        del os.environ[name]
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
     os.environ['ROS_DOMAIN_ID'] = str(own_domain(config))
 
@@ -77,3 +86,14 @@ def shared_data():
             pytest.fail(message)
         pytest.skip(message)
     return folder
+
+
+@pytest.fixture(scope='session')
+def figures_in():
+    """Return what unpacks the documents of the figures of a page."""
+
+    def unpacked(page):
+        packed = re.search(r'id="packed-figures">([^<]*)<', page)
+        return [] if packed is None else json.loads(gzip.decompress(base64.b64decode(packed[1])))
+
+    return unpacked

@@ -2,10 +2,12 @@
 """From a configuration to a sensor that delivers, on simulated and on real time."""
 
 from pathlib import Path
+import re
 import threading
 
 from imu_bench import bench
 from imu_bench.config import sensor_from_parameters
+from imu_bench.config.location import config_file
 from imu_bench.drivers import load
 from imu_bench.errors import BusError, ConfigError
 from imu_bench.simulation.clock import SimulatedClock
@@ -60,7 +62,9 @@ def test_every_shipped_sensor_delivers_every_sample_with_its_noise_and_its_rate(
     sensor = bench.load_sensor(path)
     # a slow sensor needs more time to show its rate
     runs, stats = run(sensor, max(12, 1200 / sensor.settings['rate_hz']))
-    assert (stats.lost, stats.failures, stats.bus_errors, stats.error) == (0, 0, 0, '')
+    # the write that settles its interface is not acknowledged: docs/drivers_second_sources.md
+    silent = int(path.stem == 'iim42652' and bench.kind_of_bus(sensor) == 'i2c')
+    assert (stats.lost, stats.failures, stats.bus_errors, stats.error) == (0, 0, silent, '')
     true_hz = sensor.settings['rate_hz'] * (1 + sensor.simulation['rate_error'][0])
     # where the host sets the pace there is no rate to be found out
     found = stats.rate if stats.rate.observable else stats.delivered
@@ -160,7 +164,7 @@ def test_a_generic_source_has_no_hardware_and_says_so():
 
 
 def test_an_unknown_backend_names_what_is_available():
-    with pytest.raises(ConfigError, match='allowed: hardware, emulated, recorded'):
+    with pytest.raises(ConfigError, match='allowed: hardware, emulated, recorded, iio'):
         config_of(backend='imagined', rate_hz=100.0)
 
 
@@ -179,7 +183,7 @@ def test_hardware_that_is_not_there_is_a_bus_error_with_the_device():
 def test_an_emulated_chip_is_on_the_bus_the_file_names(bus, kind):
     acquisition = bench.build(config_of(driver='mpu9250', bus=bus), SimulatedClock())
     assert acquisition.prepare() == 'MPU-9250'
-    assert kind in acquisition._driver._wires[''].name
+    assert kind in acquisition.device._wires[''].name
 
 
 def test_the_label_says_what_stands_behind_a_sensor():
@@ -199,3 +203,33 @@ def test_an_emulated_sensor_may_keep_the_bus_of_the_real_one(driver, bus):
     _, stats = run(sensor, 3)
     assert stats.samples > 300
     assert stats.error == ''
+
+
+def test_a_test_may_set_its_sensors_otherwise():
+    loaded = bench.load_bench(config_file('benches/mast_inclination.yaml'))
+    heat = bench.as_tested(loaded, loaded.test('heat'))
+    assert [sensor.settings.get('mode') for sensor in loaded.sensors] == [4, None]
+    assert [sensor.settings.get('mode') for sensor in heat.sensors] == [1, None]
+    # what the bench sets otherwise stays, and the nodes are told, too
+    assert [sensor.bus for sensor in heat.sensors] == ['spidev0.0', 'spidev0.1']
+    assert heat.overrides['scl3300'] == {'bus': 'spidev0.0', 'mode': 1}
+    assert bench.as_tested(loaded, loaded.test('tilt')).sensors == loaded.sensors
+
+
+@pytest.mark.parametrize(
+    ('sensors', 'said'),
+    [
+        ('{x: {mode: 1}}', 'sensors.x: bench small has: scl3300'),
+        ('{scl3300: {mode: 9}}', 'mode: 9 is not allowed'),
+        ('{scl3300: 1}', 'sensors.scl3300: 1 is no mapping of settings'),
+    ],
+)
+def test_a_wrong_setting_of_a_test_is_said_when_the_bench_is_loaded(tmp_path, sensors, said):
+    path = tmp_path / 'small.yaml'
+    sensor = config_file('sensors/scl3300.yaml').resolve()
+    path.write_text(
+        f'name: small\nsensors:\n  - file: {sensor}\n'
+        f'tests:\n  - name: heat\n    scenarios: [heat_to_80]\n    sensors: {sensors}\n'
+    )
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        bench.load_bench(path)

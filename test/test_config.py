@@ -8,6 +8,7 @@ import textwrap
 from imu_bench import config
 from imu_bench.bench import load_bench, load_sensor, settings_of
 from imu_bench.config import Setting
+from imu_bench.config.files import read_yaml
 from imu_bench.config.schema import parse_quantity
 from imu_bench.errors import ConfigError
 import pytest
@@ -141,7 +142,7 @@ def test_every_problem_is_told_at_once_with_its_path(tmp_path):
     )
     assert found == [
         f"{where}.ratehz: unknown; did you mean 'rate_hz'?",
-        f'{where}.backend: simulated is not allowed; allowed: hardware, emulated, recorded',
+        f'{where}.backend: simulated is not allowed; allowed: hardware, emulated, recorded, iio',
         f'{where}.address: 128 is not allowed; allowed: -1 to 119',
         f'{where}.rate_hz: {number}',
     ]
@@ -149,7 +150,7 @@ def test_every_problem_is_told_at_once_with_its_path(tmp_path):
 
 def test_emulation_is_never_a_default(tmp_path):
     (found,) = problems(load_sensor, altered(tmp_path, backend=None))
-    assert found.endswith('backend: missing; allowed: hardware, emulated, recorded')
+    assert found.endswith('backend: missing; allowed: hardware, emulated, recorded, iio')
 
 
 def test_an_unknown_driver_names_what_was_meant_or_what_there_is(tmp_path):
@@ -327,3 +328,36 @@ def test_the_constraint_of_a_setting_is_written_out():
 def test_a_value_of_another_type_is_never_converted(setting, value):
     with pytest.raises(ConfigError, match='allowed'):
         setting.check(value)
+
+
+def _laughs(levels):
+    lines = ['a0: &a0 [x, x, x, x, x, x, x, x, x, x]']
+    lines += [f'a{n}: &a{n} [{", ".join([f"*a{n - 1}"] * 10)}]' for n in range(1, levels)]
+    return '\n'.join(lines)
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        (_laughs(9), 'more than 100000 entries'),
+        ('a: &a [*a]', 'contains itself'),
+        ('a: ' + '[' * 100 + ']' * 100, 'nested more than 40 levels'),
+        ('a: ' + '[' * 20_000, 'nested more than 40 levels'),
+        ('\n'.join([f'a{n}: &a{n} [*a{n - 1}]' for n in range(1, 60)]).replace('*a0', 'x'),
+         'nested more than 40 levels'),
+        ('a: ' + '7' * 5000, 'not YAML'),
+        ('a: 0x' + 'f' * 5000, 'a number of more than 100 digits'),
+        ('a: 2001-13-45', 'not YAML'),
+        ('a: ' + 'x' * 300_000, 'larger than 256 KiB'),
+        (f'? {"x" * 900}\n: 1\n? {"x" * 900}\n: 2', 'is given twice'),
+    ],
+)  # fmt: skip
+def test_yaml_that_grows_is_refused_in_one_short_line(tmp_path, text, words):
+    [line] = problems(read_yaml, written(tmp_path, text))
+    assert words in line
+    assert len(line) < 1500
+
+
+def test_yaml_may_use_aliases(tmp_path):
+    path = written(tmp_path, 'shared: &s {rate: 1.0}\none: *s\ntwo: {<<: *s, bus: a}')
+    assert read_yaml(path)['two'] == {'rate': 1.0, 'bus': 'a'}

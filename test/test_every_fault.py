@@ -7,6 +7,7 @@ the emulated chip did not measure, or measured at another time, is found by its 
 """
 
 from collections import Counter
+from dataclasses import replace
 import re
 import zlib
 
@@ -16,6 +17,7 @@ from imu_bench.drivers import load, names
 from imu_bench.drivers.driver import PolledDriver
 from imu_bench.emulators import create
 from imu_bench.emulators.faults import possible, wrap
+from imu_bench.emulators.line import Line, Timing
 from imu_bench.samples import Samples
 from imu_bench.simulation.clock import SimulatedClock
 import numpy as np
@@ -27,7 +29,7 @@ CASES = [
     for name, kind in BUSES
     for fault in possible(load(name), kind)
 ]
-BEFORE_S, FAULT_S, AFTER_S = 4.0, 1.5, 3.0
+BEFORE_S, FAULT_S, AFTER_S = 4.0, 1.0, 1.5
 RECOVERY_S = 2.0
 POWER_LOST = ('unplugged', 'brown_out', 'wrong_identity')
 
@@ -51,7 +53,6 @@ class Triangle:
         self.slope, self.amplitude = slope, amplitude
         self.rate_error = rate_error
         self.origin_ns = clock.now_ns()
-        self.stamps = []
         self.restart(clock.now_ns(), 1000.0)
 
     def restart(self, t_ns, nominal_hz=None):
@@ -65,12 +66,15 @@ class Triangle:
         phase = ((np.asarray(stamps) - self.origin_ns) * 1e-9 / quarter) % 4.0
         return self.amplitude * (1.0 - np.abs(phase - 2.0))
 
+    def samples_ahead(self, t_ns):
+        # what costs by the call is paid for many samples at once, as with a simulated sensor
+        return self.samples_until(t_ns + round(64 * self.period_ns))
+
     def samples_until(self, t_ns):
         due = max(int((t_ns - self.anchor_ns) / self.period_ns + 1e-9), self.made)
         k = np.arange(self.made + 1, due + 1)
         self.made = due
         stamps = self.anchor_ns + np.rint(k * self.period_ns).astype(np.int64)
-        self.stamps.append(stamps)
         moving, n = self.acceleration(stamps), len(k)
         return Samples(
             stamps,
@@ -79,6 +83,14 @@ class Triangle:
             magnetic_field=np.broadcast_to((20e-6, 0.0, -40e-6), (n, 3)),
             temperature=np.full(n, 25.0),
         )
+
+
+def on_desk(name, kind, source, clock):
+    """Return the buses; a clock that is stretched would cost samples without any fault."""
+    if kind != 'i2c':
+        return create(name, kind, source, clock)
+    line = Line(clock, replace(Timing.i2c(), stretchable=False))
+    return create(name, kind, source, clock, line=line)
 
 
 class Desk:
@@ -91,17 +103,17 @@ class Desk:
             c for c in driver.channels_on(kind).values() if c.quantity == 'acceleration'
         )
         probe = Triangle(clock, 1.0, 1.0)
-        made = driver(create(name, kind, probe, clock), clock, {})
+        made = driver(on_desk(name, kind, probe, clock), clock, {})
         range_ = made.values.get(channel.scaled_by.name) if channel.scaled_by else None
         self.lsb = channel.resolution(range_).max() if channel.quantised else 1e-4
         if channel.quantised:
             full = channel.limits_at(range_)[1] * self.lsb
         else:
-            full = driver.typical['acceleration'].range
+            full = driver.typical['acceleration'].range or 160.0
         amplitude = 0.6 * min(full, 160.0)
         slope = np.clip(4 * self.lsb * made.rate_hz, 2 * amplitude / 10, 2 * amplitude)
         self.source = Triangle(clock, slope, amplitude)
-        self.wires = wrap(create(name, kind, self.source, clock), driver, clock)
+        self.wires = wrap(on_desk(name, kind, self.source, clock), driver, clock)
         clock.sleep(driver.start_up_s)
         self.driver = driver(self.wires, clock, {})
         self.acquisition = Acquisition(self.driver, clock, name=name)
@@ -219,6 +231,8 @@ def check(name, kind, fault, offset_s):
     true_lost = round((stamps[-1] - stamps[0]) / desk.period_ns) + 1 - len(stamps)
     # of wrong words some may pass for updates where there is nothing else to tell them by
     off = 5 if undetectable and isinstance(desk.driver, PolledDriver) else 1
+    if fault == 'busy':  # many gaps, of which each is rounded to whole samples
+        off = np.count_nonzero(np.diff(stamps) > 1.5 * desk.period_ns)
     assert abs(lost - true_lost) <= off, f'{lost} counted, {true_lost} true'
 
     # and none that the chip did not measure
@@ -237,7 +251,7 @@ def test_a_fault_is_named_counted_and_outlived_without_an_invented_sample(name, 
     check(name, kind, fault, offset_s=zlib.crc32(f'{name} {kind} {fault}'.encode()) % 997 * 1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize('offset_s', [1e-3, 2.37e-3, 5.1e-3, 0.0119, 0.0421])
 @pytest.mark.parametrize(('name', 'kind', 'fault'), CASES)
 def test_whenever_it_begins(name, kind, fault, offset_s):

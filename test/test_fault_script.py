@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults as they are written in a file, what is kept of each, and how it is told."""
 
+import json
 from pathlib import Path
 import re
 from types import SimpleNamespace
 
 from imu_bench import bench
 from imu_bench.acquisition import FaultWatch
-from imu_bench.cli.fault_lines import FaultNews, show_faults
 from imu_bench.config import sensor_from_parameters
 from imu_bench.config.faults import Fault, KINDS, ONCE, ONLY_ON, parse_fault, script
 from imu_bench.drivers import load
 from imu_bench.emulators.faults import possible
 from imu_bench.errors import ConfigError
+from imu_bench.recording.fault_news import FaultNews
 from imu_bench.simulation.clock import SimulatedClock
+from imu_bench.terminal.tables import show_faults
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -210,3 +212,20 @@ def test_the_summary_fails_if_one_did_not(capsys, change, says):
 def test_no_report_is_no_success(capsys):
     assert show_faults({'left': SimpleNamespace(faults={}, values={})}) == 1
     assert 'no fault was reported' in capsys.readouterr().out
+
+
+@pytest.mark.ros
+def test_what_the_recording_misses_is_said_beside_what_the_faults_took(tmp_path, capsys):
+    from imu_bench.live.views import SensorView
+    from imu_bench.terminal.tables import show_gaps
+
+    sensor = SensorView('mti300')
+    sensor.tally.hear({'lost': 1355})
+    sensor.hear_of_faults({'0.lost': '430', '0.state': 'recovered'})
+    sensor.hear_of_faults({'1.lost': '915', '1.state': 'recovered'})
+    recording = {'topic': '/bench/mti300/imu/data_raw', 'health': {'missing': 1360}}
+    results = tmp_path / 'results.json'
+    results.write_text(json.dumps({'recordings': [recording]}), encoding='utf-8')
+    show_gaps(results, {'mti300': sensor})
+    said = 'mti300: 1345 lost by faults and 10 otherwise; 1360 missing in the recording\n'
+    assert said in capsys.readouterr().out

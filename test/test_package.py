@@ -10,6 +10,8 @@ import sys
 import xml.etree.ElementTree as ElementTree
 
 import imu_bench
+import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
 LICENCE = '# SPDX-License-Identifier: Apache-2.0'
@@ -47,7 +49,7 @@ def test_run_works_where_it_is_called_from(tmp_path):
         state = subprocess.run(['cksum'], stdin=file, capture_output=True, check=True, text=True)
     (house / '.venv' / f'installed-run-{state.stdout.split()[0]}').touch()
     done = subprocess.run(
-        [house / 'run', 'exec', 'pwd'], cwd=caller, capture_output=True, text=True, timeout=60,
+        [house / 'run', 'exec', 'pwd'], cwd=caller, capture_output=True, text=True,
         env=os.environ | {'PYTHON': sys.executable}, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, str(caller), '')
@@ -63,3 +65,118 @@ def test_every_source_file_names_its_licence():
         if LICENCE not in path.read_text(encoding='utf-8').splitlines()[:2]
     ]
     assert not missing
+
+
+def rosdep():
+    return yaml.safe_load((ROOT / 'test' / 'rosdep_keys.yaml').read_text(encoding='utf-8'))
+
+
+def named_in_manifest():
+    """Return what package.xml depends on, of whatever kind."""
+    manifest = ElementTree.parse(ROOT / 'package.xml').getroot()
+    return [each.text for each in manifest if each.tag.endswith('depend')]
+
+
+def test_rosdep_finds_a_package_of_ubuntu_for_every_key():
+    index, named = rosdep(), named_in_manifest()
+    assert len(named) == len(set(named))
+    assert [key for key in named if key not in index['keys'] and key not in index['ros']] == []
+
+
+def test_what_pip_requires_is_in_the_manifest_or_optional():
+    setup = (ROOT / 'setup.py').read_text(encoding='utf-8')
+    required = re.search(r'install_requires=\[(.*?)\]', setup, re.DOTALL).group(1)
+    names = set(re.findall(r"'([\w.-]+)", required))
+    index = rosdep()
+    keyed = {index['pip'][key] for key in named_in_manifest() if key in index['pip']}
+    assert names - keyed == set(index['without'])
+    text = (ROOT / 'docs' / 'workspace.md').read_text(encoding='utf-8')
+    assert [name for name in index['without'] if name not in text] == []
+
+
+BLOCKED = """
+import sys
+for name in ('lz4', 'backports', 'compression.zstd', 'rosbags', 'bokeh', 'periphery'):
+    sys.modules[name] = None
+from imu_bench.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.fixture
+def with_the_keys_alone():
+    """Return what runs the command with nothing but what has a key of rosdep."""
+
+    def run(*words):
+        command = [sys.executable, '-c', BLOCKED, *map(str, words)]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    return run
+
+
+@pytest.fixture
+def native(tmp_path):
+    path = tmp_path / 'mine.csv'
+    rows = [f'{n / 100},{(n * 7919) % 101 / 1e4}' for n in range(400)]
+    path.write_text('\n'.join(['stamp_s,angular_velocity.x', *rows]), encoding='utf-8')
+    return path
+
+
+def test_analysis_needs_no_optional_package(with_the_keys_alone, native, tmp_path):
+    done = with_the_keys_alone('analyze', native, '--json', tmp_path / 'results.json')
+    assert (done.returncode, done.stderr) == (0, ''), done.stdout
+    assert (tmp_path / 'results.json').is_file()
+
+
+def test_who_needs_an_optional_package_is_told_in_one_line(with_the_keys_alone, native, tmp_path):
+    done = with_the_keys_alone('analyze', native, '--html', tmp_path / 'report.html')
+    assert done.returncode == 1
+    said = 'imu-bench: error: a page with figures needs bokeh: pip install bokeh\n'
+    assert done.stderr.endswith(said)
+    assert 'Traceback' not in done.stderr
+
+
+def test_no_two_test_files_share_a_name():
+    # the plugin of launch_testing imports each by its name alone
+    names = [path.name for path in (ROOT / 'test').rglob('test_*.py')]
+    assert sorted(names) == sorted(set(names))
+
+
+def test_without_a_library_its_tests_are_skipped_with_its_name_and_fail_in_ci(tmp_path):
+    shutil.copy(ROOT / 'conftest.py', tmp_path)
+    (tmp_path / 'test_whole.py').write_text('import allantools\n\ndef test_a(): pass\n')
+    (tmp_path / 'test_part.py').write_text('def test_b():\n    import lz4\n')
+    program = (
+        'import importlib.util, sys, pytest\n'
+        'gone = ("allantools", "lz4")\n'
+        'class No:\n'
+        '    def find_spec(self, name, path=None, target=None):\n'
+        '        if name in gone: raise ModuleNotFoundError(name=name)\n'
+        'real = importlib.util.find_spec\n'
+        'importlib.util.find_spec = lambda n, p=None: None if n in gone else real(n, p)\n'
+        'sys.meta_path.insert(0, No())\n'
+        'sys.exit(pytest.main(["-q", "-rs", "-p", "no:cacheprovider"]))\n'
+    )
+
+    def run(**more):
+        own = {key: value for key, value in os.environ.items() if key != 'CI'} | more
+        return subprocess.run(
+            [sys.executable, '-c', program], cwd=tmp_path, env=own, capture_output=True, text=True,
+            check=False,
+        )  # fmt: skip
+
+    done = run()
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert '2 skipped' in done.stdout
+    assert 'needs allantools, which is not installed' in done.stdout
+    assert 'needs lz4, which is not installed' in done.stdout
+    assert run(CI='true').returncode != 0
+
+
+def test_every_placeholder_of_a_release_is_in_its_list():
+    listed = (ROOT / 'docs' / 'release.md').read_text(encoding='utf-8')
+    for name in ('package.xml', 'setup.py', 'docs/workspace.md'):
+        text = (ROOT / name).read_text(encoding='utf-8')
+        for found in re.findall(r'\S*OWNER/imu_bench|[\w@-]+\.invalid', text):
+            assert found.strip('<>').split('>')[-1] in listed, name
+            assert name in listed

@@ -17,32 +17,16 @@ _COUNTS = ('failures', 'recoveries')
 
 @dataclass
 class Aftermath:
-    """
-    One fault, and what came of it.
-
-    Attributes
-    ----------
-    fault : Fault
-    state : str
-        'planned', 'active', 'over' (no data yet) or 'recovered'.
-    error : str
-        The latest error that it led to, with its name; empty when there was none.
-    errors : mapping of str to int
-        How many there were, by name.
-    lost : int
-        Samples that were lost, and counted.
-    counted : mapping of str to int
-        What the counters of acquisition and driver have grown by.
-    recovery_s : float or None
-        From its end until a sample arrived that was measured after it.
-    """
+    """One fault, and what came of it."""
 
     fault: Fault
-    state: str = 'planned'
-    error: str = ''
-    errors: Mapping[str, int] = field(default_factory=dict)
-    lost: int = 0
+    state: str = 'planned'  # 'planned', 'active', 'over' (no data yet) or 'recovered'
+    error: str = ''  # the latest error that it led to, with its name; empty when there was none
+    errors: Mapping[str, int] = field(default_factory=dict)  # how many there were, by name
+    lost: int = 0  # samples that were lost, and counted
+    # what the counters of acquisition and driver have grown by
     counted: Mapping[str, int] = field(default_factory=dict)
+    # from its end until a sample arrived that was measured after it
     recovery_s: float | None = None
 
 
@@ -76,7 +60,6 @@ class FaultWatch:
 
         Parameters
         ----------
-        now_ns : int
         stats : AcquisitionStats
             Of now.
         newest_ns : int

@@ -12,6 +12,9 @@ readings that has the smallest sum of distances to them, the linear programme
 of S. Moon, P. Skelly, D. Towsley, "Estimation and removal of clock skew from
 network delay measurements", IEEE INFOCOM 1999, pp. 227-234; its solution is the
 edge of the lower convex hull above the mean count.
+
+An edge of a data-ready line is late by microseconds in place of a period.  While there are such,
+readings count samples and tell no time.
 """
 
 from __future__ import annotations
@@ -20,11 +23,11 @@ from collections import deque
 from collections.abc import Sequence
 import math
 
+from imu_bench.acquisition.quantiles import student
 from imu_bench.errors import NotReady
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtrit
 
 WINDOW_S = 30.0
 """Readings older than this are forgotten, so that the line follows the chip's temperature."""
@@ -43,6 +46,14 @@ late by anything up to a period, the least late one is late by a thirtieth of it
 TRUST_S = 10.0
 """
 A period found over this long is kept through a loss: at 100 Hz that thirtieth is 33 ppm of it.
+"""
+
+RATE_ERROR, DRIFT = 0.2, 0.005
+"""
+By more no chip's rate is off its nominal one, and while some losses are uncertain by no more off
+the one that is known: assumed, well above the 3 % and the changes with temperature of all tests.
+A line that is steeper was made of losses that were told too large, and would count more of them,
+for ever.
 """
 
 STALL_S = 0.05
@@ -65,23 +76,14 @@ interval is off by more, and a line that settled on a wrong thirtieth of 10 ms i
 third of a second.
 """
 
+EDGE_S = 1.0
+"""A line that has been silent for so long is not waited for any more."""
+
 Point = tuple[float, float]
 
 
 def lower_edge(points: Sequence[Point]) -> tuple[Point, Point]:
-    """
-    Return the ends of the lower convex hull's edge below the mean of the abscissae.
-
-    Parameters
-    ----------
-    points : sequence of (k, t)
-        With rising k, two at least.
-
-    Examples
-    --------
-    >>> lower_edge([(0, 0.0), (1, 1.3), (2, 2.0), (3, 3.9)])
-    ((0, 0.0), (2, 2.0))
-    """
+    """Return the ends of the lower convex hull's edge below the mean of the abscissae."""
     hull: list[Point] = []
     for k, t in points:
         while len(hull) > 1:
@@ -96,60 +98,44 @@ def lower_edge(points: Sequence[Point]) -> tuple[Point, Point]:
 
 
 class ClockModel:
-    """
-    Turn counts and readings into stamps.
-
-    Parameters
-    ----------
-    nominal_hz : float
-        Output data rate as configured; the true one may be off by several percent.
-    missing : int, optional
-        What was missing before.
-    after_ns : int, optional
-        Stamps begin after this time.
-
-    Attributes
-    ----------
-    missing : int
-        Samples that the chip made, or would have made, and that never arrived.
-    settling : bool
-        True while too little is known to give stamps.
-
-    Examples
-    --------
-    A chip at 1010 Hz that is set to 1000 Hz, read every 20 ms:
-
-    >>> model = ClockModel(1000.0)
-    >>> for i in range(1, 61):
-    ...     made = int(i * 20.0 * 1.01) - int((i - 1) * 20.0 * 1.01)
-    ...     model.observe(made, i * 20_000_000)
-    >>> model.settling, round(1e9 / model.period_ns)
-    (False, 1010)
-    """
+    """Turn counts and readings into stamps."""
 
     def __init__(self, nominal_hz: float, missing: int = 0, after_ns: int | None = None) -> None:
+        # output data rate as configured; the true one may be off by several percent
         self.nominal_hz = nominal_hz
-        self.missing = missing
+        self.missing = missing  # what was missing before
         self._after_ns = after_ns
-        self.settling = True
+        self.settling = True  # true while too little is known to give stamps
         self._origin_ns: int | None = None
         self._count = 0
         self._readings: list[Point] = []
         self._points: deque[tuple[int, float, float]] = deque()
         self._anchor: Point | None = None
-        self._period = 1e9 / nominal_hz
+        self._period = self._known = 1e9 / nominal_hz
         self._trusted = False
+        # from this count on nothing was lost
+        self._whole_from = 0.0
         self._stalled = 0
         self._given = 0
         self._last = -math.inf
         self._after_gap = True
+        self._told = 0
+        self._edge_t = -math.inf
+        self._edge_late = 0.0
+        self._within = math.inf
 
     @property
     def period_ns(self) -> float:
         """The chip's sample period on the host's clock."""
         return self._period
 
-    def observe(self, n: int, host_ns: int) -> None:
+    def observe(
+        self,
+        n: int,
+        host_ns: int,
+        edge: tuple[int, int] | None = None,
+        latch_ns: int | None = None,
+    ) -> None:
         """Take note that `n` more samples existed when the host's clock showed `host_ns`."""
         if n == 0:
             return
@@ -159,14 +145,57 @@ class ClockModel:
                 self._last = float(self._after_ns - host_ns)
         self._count += n
         reading = (float(self._count), float(host_ns - self._origin_ns))
+        if edge is not None:
+            reading = float(self._count - edge[0]), float(edge[1] - self._origin_ns)
+            self._note_edge(reading)
+        elif reading[1] - self._edge_t < EDGE_S * 1e9:
+            return
+        elif latch_ns is not None:
+            self._within = min(self._within, latch_ns / 2)
         if not self.settling:
             self._add(reading)
             return
+        if self._readings and reading[0] <= self._readings[-1][0]:
+            return  # an edge that was told apart wrongly
         self._readings.append(reading)
         span_s = (reading[1] - self._readings[0][1]) * 1e-9
         enough = span_s >= SETTLE_S and len(self._readings) >= SETTLE_READINGS
         if enough or span_s >= SETTLE_MOST_S:
             self.settle()
+            self._told = 0
+
+    def _note_edge(self, edge: Point) -> None:
+        """Let edges alone tell the time from the first one on."""
+        if edge[1] - self._edge_t > EDGE_S * 1e9:
+            self._edge_late = 0.0
+            self._readings = []
+        elif self._anchor is not None and not self.settling:
+            # what the handler usually takes: how much of it there always is nobody can see
+            self._edge_late += 0.01 * (abs(self._late(edge)) - self._edge_late)
+        self._edge_t = edge[1]
+
+    def successor(self, missing: int, after_ns: int) -> ClockModel:
+        """Return a model that begins anew, with the period that is known."""
+        model = ClockModel(self.nominal_hz, missing, after_ns)
+        model._period = model._known = self._known
+        model._trusted = self._trusted
+        return model
+
+    def uncertainty(self) -> Estimate:
+        """
+        Return by how much stamps may be off, s: an interval from zero to a bound.
+
+        It is what the line leaves of the least late readings, and what no reading can show:
+        without a data-ready line half of the fastest transfer, with one what the interrupt
+        takes more than it takes at least.
+        """
+        by_edges = bool(self._points) and self._points[-1][2] - self._edge_t < EDGE_S * 1e9
+        hidden = self._edge_late if by_edges else self._within
+        if self.settling or len(self._points) < 4 or math.isinf(hidden):
+            return Estimate.not_observable('s', 'nobody knows how long samples wait to be read')
+        late = sorted(abs(self._late(point[1:])) for point in self._points)
+        bound = 1e-9 * (late[int(CONFIDENCE * (len(late) - 1))] + hidden)
+        return Estimate(bound, 0.0, bound, 's', CONFIDENCE)
 
     def skip(self, n: int) -> None:
         """Take note that the chip counted `n` samples that never arrived; the next one did."""
@@ -203,11 +232,6 @@ class ClockModel:
         The stamps run from the last one given straight to where the line now
         puts the newest, as far as `SLEW` lets them: a correction never makes a step.
         Before them is the gap of those that were `skipped`.
-
-        Raises
-        ------
-        NotReady
-            If the model is settling.
         """
         if self.settling or self._origin_ns is None:
             raise NotReady('the clock model is settling; call settle() to give stamps already')
@@ -240,7 +264,7 @@ class ClockModel:
         slope = k @ late / (k @ k)
         residual = late - late.mean() - slope * k
         deviation = math.sqrt(residual @ residual / (k.size - 2) / (k @ k))
-        half = float(stdtrit(k.size - 2, 0.5 + confidence / 2)) * deviation / self._period
+        half = student(k.size - 2, 0.5 + confidence / 2) * deviation / self._period
         hz = 1e9 / self._period
         return Estimate(hz, hz * (1 - half), hz * (1 + half), 'Hz', confidence)
 
@@ -259,6 +283,8 @@ class ClockModel:
         """Keep a reading if it is the least late of its bucket."""
         bucket = self._bucket(reading[1])
         newest = self._points[-1]
+        if bucket < newest[0] or (bucket > newest[0] and reading[0] <= newest[1]):
+            return  # an edge that was told apart wrongly
         if bucket == newest[0]:
             if self._late(reading) >= self._late(newest[1:]):
                 return
@@ -290,8 +316,20 @@ class ClockModel:
         span_s = (points[-1][1] - points[0][1]) * 1e-9
         if len(points) > 1 and not (self._trusted and span_s < TRUST_S):
             (k0, t0), (k1, t1) = lower_edge(points)
-            self._period = max((t1 - t0) / (k1 - k0), 0.5e9 / self.nominal_hz)
-            self._trusted = self._trusted or span_s >= TRUST_S
+            period = (t1 - t0) / (k1 - k0)
+            off = abs(period / self._known - 1.0)
+            whole = points[0][0] >= self._whole_from
+            if whole and span_s >= TRUST_S:
+                self._period = self._known = period
+                self._trusted = True
+            elif off <= (DRIFT if self._trusted else RATE_ERROR):
+                self._period = period
+            else:
+                # some losses were told wrong: only what came after them tells the time
+                self._period = self._known
+                after = [point for point in self._points if point[1] >= self._whole_from]
+                self._points = deque(after or [self._points[-1]])
+                points = [(k, t) for _, k, t in self._points]
         # the supporting line of this slope
         self._anchor = min(points, key=lambda point: point[1] - point[0] * self._period)
 
@@ -306,7 +344,13 @@ class ClockModel:
         of the period.
         """
         jump = min(self._late(reading) for reading in self._readings)
-        lost = max(0, round(jump / self._period))
+        number = round(jump / self._period)
+        lost = max(0, number)
+        # losses since the line was last settled were told from few readings, all of them late:
+        # what was told too large shows as soon as one comes that is less late
+        taken_back = min(max(0, -number), self._told)
+        self.missing -= taken_back
+        self._told += lost - taken_back
         phase = jump - lost * self._period
         if abs(phase) < SAME_PHASE * self._period:
             phase = 0.0
@@ -315,4 +359,6 @@ class ClockModel:
         self._given += lost
         self._after_gap = lost > 0
         self._readings = [(k + lost, t) for k, t in self._readings]
+        if lost or taken_back:
+            self._whole_from = self._readings[0][0]
         self._points = deque((bucket, k, t + phase) for bucket, k, t in self._points)

@@ -17,6 +17,8 @@ class Device(Protocol):
     continuity: int
     dated: bool
     skipped: dict[int, int]
+    edge: tuple[int, int] | None
+    latch_ns: int | None
 
     @property
     def rate_hz(self) -> float: ...

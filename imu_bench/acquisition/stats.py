@@ -8,175 +8,137 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 import math
 
+from imu_bench.acquisition.quantiles import chi_square
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtri
 
 WINDOW_S = 10.0
 """Rate and jitter are those of this much of the latest data."""
 
-RATE_TOLERANCE = 0.01
-"""Share of its rate that a sensor may miss and still be said to keep it."""
+BLOCK_NS = 1_000_000_000
+"""So much is forgotten at once."""
 
 
 @dataclass(frozen=True)
 class AcquisitionStats:
-    """
-    A picture of an acquisition at one moment.
+    """A picture of an acquisition at one moment."""
 
-    Attributes
-    ----------
-    state : str
-        'stopped', 'starting', 'running' or 'recovering'.
-    error : str
-        What is wrong now; empty when nothing is.
-    part : str
-        What the chip says it is.
-    nominal_hz : float
-        Output data rate as configured.
-    rate : Estimate
-        The chip's true output data rate on the host's clock, Hz.
-    rate_error : Estimate
-        Of that rate against the nominal one, ppm.
-    delivered : Estimate
-        Samples per second that arrived over the last 10 s, Hz: lower than
-        `rate` when samples are lost.
-    jitter : Estimate
-        Standard deviation of the published sample intervals, s.
-    samples : int
-        Of the main stream, delivered since the start.
-    lost : int
-        Made by the chip, and never arrived or dropped because nobody drained the queue.
-    dropped : int
-        Of these, dropped from the queue.
-    bus_errors : int
-        Failed transfers on the bus.
-    failures : int
-        Readings that failed, for whatever reason.
-    recoveries : int
-        How often the sensor was brought up again.
-    late : int
-        Readings that came more than one poll period after they were due.
-    queued : int
-        Samples that wait to be drained.
-    counters : mapping of str to int
-        The driver's own counters.
-    errors : mapping of str to int
-        The failures by the name of the error.
-    last_error : str
-        The latest error with its name, also when it is over; empty when there was none.
-    scheduling : str
-        How the operating system treats the thread: see `imu_bench.acquisition.priority`.
-    over : str
-        Why it has ended by itself; empty until then.
-    tape, tape_problem : str
-        What records or plays the wire says; what went wrong with it.
-    """
-
-    state: str
-    error: str
-    part: str
-    nominal_hz: float
-    rate: Estimate
-    rate_error: Estimate
+    state: str  # 'stopped', 'starting', 'running' or 'recovering'
+    error: str  # what is wrong now; empty when nothing is
+    part: str  # what the chip says it is
+    nominal_hz: float  # output data rate as configured
+    rate: Estimate  # the chip's true output data rate on the host's clock, Hz
+    rate_error: Estimate  # of that rate against the nominal one, ppm
+    # samples per second that arrived over the last 10 s, Hz: lower than `rate` when samples are
+    # lost
     delivered: Estimate
-    jitter: Estimate
-    samples: int
-    lost: int
-    dropped: int
-    bus_errors: int
-    failures: int
-    recoveries: int
-    late: int
-    queued: int
-    counters: Mapping[str, int]
+    jitter: Estimate  # standard deviation of the published sample intervals, s
+    stamp_uncertainty: Estimate  # bound of how far stamps are off the times of measurement, s
+    samples: int  # of the main stream, delivered since the start
+    lost: int  # made by the chip, and never arrived or dropped because nobody drained the queue
+    dropped: int  # of these, dropped from the queue
+    bus_errors: int  # failed transfers on the bus
+    failures: int  # readings that failed, for whatever reason
+    recoveries: int  # how often the sensor was brought up again
+    late: int  # readings that came more than one poll period after they were due
+    queued: int  # samples that wait to be drained
+    counters: Mapping[str, int]  # the driver's own counters
+    # the failures by the name of the error
     errors: Mapping[str, int] = field(default_factory=dict)
+    # the latest error with its name, also when it is over; empty when there was none
     last_error: str = ''
+    # how the operating system treats the thread: see `imu_bench.acquisition.priority`
     scheduling: str = ''
-    over: str = ''
+    over: str = ''  # why it has ended by itself; empty until then
+    # tape, tape_problem: what records or plays the wire says; what went wrong with it
     tape: str = ''
     tape_problem: str = ''
 
 
 def error_of(rate: Estimate, nominal_hz: float) -> Estimate:
-    """
-    Return the error of a rate against the nominal one.
-
-    Examples
-    --------
-    >>> error_of(Estimate(1010.0, 1009.0, 1011.0, 'Hz'), 1000.0).value.__round__(6)
-    10000.0
-    """
+    """Return the error of a rate against the nominal one."""
     if not rate.observable or rate.value is None or rate.low is None or rate.high is None:
         return Estimate.not_observable('ppm', rate.reason, confidence=rate.confidence)
     value, low, high = ((hz / nominal_hz - 1) * 1e6 for hz in (rate.value, rate.low, rate.high))
     return Estimate(value, low, high, 'ppm', rate.confidence)
 
 
-class IntervalMeter:
-    """
-    Rate and jitter of a stream of stamps over the last `WINDOW_S`, in bounded memory.
+class _Block:
+    """Intervals of a second: how many, of them within the rate, their moments."""
 
-    Examples
-    --------
-    >>> meter = IntervalMeter(100.0)
-    >>> meter.add(np.arange(101) * 10_000_000)
-    >>> meter.delivered().value, meter.jitter().value
-    (100.0, 0.0)
-    """
+    __slots__ = ('count', 'even', 'first', 'last', 'squares', 'total')
+
+    def __init__(self, first: int) -> None:
+        self.first = self.last = first
+        self.count = self.even = 0
+        self.total = self.squares = 0.0
+
+    def add(self, last: int, count: int, even: int, total: float, squares: float) -> None:
+        self.last = last
+        self.count += count
+        self.even += even
+        self.total += total
+        self.squares += squares
+
+
+class IntervalMeter:
+    """Rate and jitter of a stream of stamps over the last `WINDOW_S`, in bounded memory."""
 
     def __init__(self, nominal_hz: float) -> None:
         self._nominal_ns = 1e9 / nominal_hz
         self._last: int | None = None
-        # per block: first and last stamp, intervals, of them within the rate, their moments
-        self._blocks: deque[tuple[int, int, int, int, float, float]] = deque()
+        self._blocks: deque[_Block] = deque()
 
     def add(self, stamps: npt.NDArray[np.int64]) -> None:
         """Take note of the next stamps, ns."""
-        if stamps.size == 0:
+        # in Python: most runs have one to ten samples, for which numpy takes longer
+        times = stamps.tolist()
+        if self._last is None and times:
+            self._last = times.pop(0)
+        if self._last is None or not times:
             return
-        if self._last is not None:
-            stamps = np.concatenate(((self._last,), stamps))
-        first, intervals = int(stamps[0]), stamps[1:] - stamps[:-1]
-        # deviations from nominal: small numbers keep their digits when squared
-        even = intervals[intervals < 1.5 * self._nominal_ns] - self._nominal_ns
-        self._last = int(stamps[-1])
-        if intervals.size:
-            self._blocks.append(
-                (
-                    first,
-                    self._last,
-                    intervals.size,
-                    even.size,
-                    float(even.sum()),
-                    float(even @ even),
-                )
-            )
-        while self._blocks and self._blocks[0][0] < self._last - WINDOW_S * 1e9:
+        if not self._blocks or times[0] - self._blocks[-1].first > BLOCK_NS:
+            self._blocks.append(_Block(self._last))
+        last, nominal, even, total, squares = self._last, self._nominal_ns, 0, 0.0, 0.0
+        for stamp in times:
+            # deviations from nominal: small numbers keep their digits when squared
+            off = stamp - last - nominal
+            last = stamp
+            if off < 0.5 * nominal:
+                even += 1
+                total += off
+                squares += off * off
+        self._last = last
+        self._blocks[-1].add(last, len(times), even, total, squares)
+        while self._blocks and self._blocks[0].first < self._blocks[-1].last - WINDOW_S * 1e9:
             self._blocks.popleft()
 
     def delivered(self, confidence: float = CONFIDENCE) -> Estimate:
         """Return samples per second; the ends of the interval are one sample more and less."""
-        count = sum(block[2] for block in self._blocks)
+        count = sum(block.count for block in self._blocks)
         if count < 2:
             return Estimate.not_observable('Hz', 'no data yet', confidence=confidence)
-        span_s = (self._blocks[-1][1] - self._blocks[0][0]) * 1e-9
+        span_s = (self._blocks[-1].last - self._blocks[0].first) * 1e-9
         return Estimate(
             count / span_s, (count - 1) / span_s, (count + 1) / span_s, 'Hz', confidence
         )
 
     def jitter(self, confidence: float = CONFIDENCE) -> Estimate:
         """Return the standard deviation of the intervals, gaps left out, with its χ² interval."""
-        count = sum(block[3] for block in self._blocks)
+        count = sum(block.even for block in self._blocks)
         if count < 3:
             return Estimate.not_observable('s', 'no data yet', confidence=confidence)
-        mean = sum(block[4] for block in self._blocks) / count
-        squares = sum(b[5] - 2 * mean * b[4] + b[3] * mean**2 for b in self._blocks)
+        mean = sum(block.total for block in self._blocks) / count
+        squares = sum(block.squares for block in self._blocks) - count * mean**2
         squares = max(squares, 0.0)
         tail = (1 - confidence) / 2
         value, low, high = (
             1e-9 * math.sqrt(squares / float(divisor))
-            for divisor in (count - 1, chdtri(count - 1, tail), chdtri(count - 1, 1 - tail))
+            for divisor in (
+                count - 1,
+                chi_square(count - 1, tail),
+                chi_square(count - 1, 1 - tail),
+            )
         )
         return Estimate(value, low, high, 's', confidence)

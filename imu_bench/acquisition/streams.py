@@ -3,28 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 from imu_bench.acquisition.clock_model import ClockModel
 from imu_bench.acquisition.stats import IntervalMeter
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.samples import Samples
 import numpy as np
 import numpy.typing as npt
-
-QUANTITIES = tuple(field.name for field in fields(Samples) if field.name != 'stamps')
-
-
-def quantities(run: Samples) -> tuple[str, ...]:
-    """
-    Return which quantities a run carries; it tells the streams of a sensor apart.
-
-    Examples
-    --------
-    >>> quantities(Samples(stamps=[0], temperature=[21.0]))
-    ('temperature',)
-    """
-    return tuple(name for name in QUANTITIES if getattr(run, name) is not None)
 
 
 class CountedStream:
@@ -38,19 +22,21 @@ class CountedStream:
         self._skipped = 0
         self._last_ns: int | None = None
         self._anew = False
-        self._pace: Pace | None = None
+        self._arrivals: Arrivals | None = None
 
     def skip(self, n: int) -> None:
         """Take note of samples that the chip counted and that never arrived."""
         self.model.skip(n)
         self._skipped += n
 
-    def push(self, run: Samples) -> list[Samples]:
+    def push(
+        self, run: Samples, edge: tuple[int, int] | None = None, latch_ns: int | None = None
+    ) -> list[Samples]:
         """Take a run that was just read; return the runs whose stamps are settled."""
         if len(run):
             self._held.append((self._skipped, run))
-            self._skipped, self._pace = 0, None
-            self.model.observe(len(run), int(run.stamps[-1]))
+            self._skipped, self._arrivals = 0, None
+            self.model.observe(len(run), int(run.stamps[-1]), edge, latch_ns)
         return [] if self.model.settling else self._release()
 
     def push_undated(self, run: Samples) -> list[Samples]:
@@ -65,15 +51,15 @@ class CountedStream:
         stamps = run.stamps
         if self._last_ns is not None and stamps[0] <= self._last_ns:
             stamps = np.maximum(stamps, self._last_ns + 1 + np.arange(len(run)))
-        if self._pace is None:
-            self._pace = Pace(nominal_hz)
+        if self._arrivals is None:
+            self._arrivals = Arrivals(nominal_hz)
             if self._last_ns is not None:
-                self._pace.observe(np.array([self._last_ns]))
-        before = self._pace.missing
-        self._pace.observe(stamps)
+                self._arrivals.observe(np.array([self._last_ns]))
+        before = self._arrivals.missing
+        self._arrivals.observe(stamps)
         self._last_ns = int(stamps[-1])
-        missing = self.model.missing + self._pace.missing - before
-        self.model, self._anew = ClockModel(nominal_hz, missing, self._last_ns), True
+        missing = self.model.missing + self._arrivals.missing - before
+        self.model, self._anew = self.model.successor(missing, self._last_ns), True
         self.meter.add(stamps)
         return [*held, run.restamped(stamps)]
 
@@ -102,42 +88,49 @@ class CountedStream:
         return stamped
 
 
-class Pace:
-    """
-    The computer's own pace: in the place of a clock model where nothing counts the samples.
-
-    Attributes
-    ----------
-    missing : int
-        Deadlines at which no sample was taken.
-
-    Examples
-    --------
-    >>> pace = Pace(100.0)
-    >>> pace.observe(np.array([0, 10_100_000, 40_000_000]))
-    >>> pace.missing
-    2
-    """
+class Arrivals:
+    """How many are missing by the times of samples alone, where nobody knows which they are."""
 
     NEARLY = 0.05
-    """Part of a period that a reading may come earlier than the earliest one so far."""
+    """Part of a period that a sample may come earlier than the earliest one so far."""
 
     def __init__(self, nominal_hz: float) -> None:
-        self.nominal_hz = nominal_hz
         self.missing = 0
         self._period_ns = 1e9 / nominal_hz
         self._due_ns: float | None = None
-        self._anew = False
 
     def observe(self, stamps: npt.NDArray[np.int64]) -> None:
-        """Take note of the times at which samples were taken; a late one is not a loss."""
+        """Take note of the times at which samples came; a late one is not a loss."""
         for t in stamps.tolist():
             due = t if self._due_ns is None else self._due_ns
-            lost = max(0, int((t - due) / self._period_ns + (0.5 if self._anew else self.NEARLY)))
+            lost = max(0, int((t - due) / self._period_ns + self.NEARLY))
             self.missing += lost
-            # deadlines follow the earliest readings; after a restart they begin anew
-            due = t if self._anew else min(due + lost * self._period_ns, t)
-            self._due_ns, self._anew = due + self._period_ns, False
+            # what is due follows the earliest ones
+            self._due_ns = min(due + lost * self._period_ns, t) + self._period_ns
+
+
+class Pace:
+    """The computer's own pace: in the place of a clock model where nothing counts the samples."""
+
+    def __init__(self, nominal_hz: float) -> None:
+        self.nominal_hz = nominal_hz
+        self.missing = 0  # deadlines at which no sample was taken
+        self._period_ns = 1e9 / nominal_hz
+        self._last_ns: int | None = None
+        self._last_due_ns = 0
+        self._anew = False
+
+    def observe(self, stamps: npt.NDArray[np.int64], due_ns: int) -> None:
+        """
+        Take note of the times of samples, and of the deadline at which they were taken.
+
+        A late sample is no loss: only a deadline without one is.  After a restart the deadlines
+        begin anew, and what was lost is the time that has passed.
+        """
+        if self._last_ns is not None:
+            passed = stamps[0] - self._last_ns if self._anew else due_ns - self._last_due_ns
+            self.missing += max(0, round(float(passed) / self._period_ns) - 1)
+        self._last_ns, self._last_due_ns, self._anew = int(stamps[-1]), due_ns, False
 
     def interrupt(self) -> None:
         """Take note that the deadlines begin anew."""
@@ -148,6 +141,10 @@ class Pace:
         return Estimate.not_observable(
             'Hz', 'this computer sets the pace; see the delivered rate', confidence=confidence
         )
+
+    def uncertainty(self) -> Estimate:
+        """Return that nobody knows."""
+        return Estimate.not_observable('s', 'this computer asks for each sample')
 
 
 class PacedStream:
@@ -161,11 +158,11 @@ class PacedStream:
         """Take note of samples that the driver knows to be lost."""
         self.model.missing += n
 
-    def push(self, run: Samples) -> list[Samples]:
-        """Take a run that was just read; return it."""
+    def push(self, run: Samples, due_ns: int) -> list[Samples]:
+        """Take a run that was just read, and the deadline at which; return it."""
         if not len(run):
             return []
-        self.model.observe(run.stamps)
+        self.model.observe(run.stamps, due_ns)
         self.meter.add(run.stamps)
         return [run]
 

@@ -7,16 +7,16 @@ from collections import Counter, deque
 from collections.abc import Callable
 import threading
 
+from imu_bench.acquisition import priority
 from imu_bench.acquisition.correction import Correct
 from imu_bench.acquisition.device import Device, NoTape, Tape
-from imu_bench.acquisition.priority import raise_priority
+from imu_bench.acquisition.schedule import Schedule
 from imu_bench.acquisition.stats import AcquisitionStats, error_of
 from imu_bench.acquisition.streams import (
     CountedStream,
     main_stream,
     PacedStream,
     PolledStream,
-    quantities,
 )
 from imu_bench.bus.interface import Clock
 from imu_bench.errors import BenchError, NotReady, RecordingError, RecordingOver
@@ -33,15 +33,12 @@ FIRST_BACKOFF_S = 0.05
 LONGEST_BACKOFF_S = 0.4
 """Pause between attempts to bring a sensor up: short enough to be back within 2 s."""
 
-SILENCE_S = 0.5
-"""A sensor that answers and delivers nothing for this long has lost its configuration."""
-
 UNDATED = Estimate.not_observable(
     'Hz', 'it is read too seldom to tell its pace; see the delivered rate'
 )
 
-GOLDEN = 0.6180339887498949
-"""Fractional part of the golden ratio: its multiples fill an interval evenly (Weyl)."""
+
+UNDATED_STAMPS = Estimate.not_observable('s', UNDATED.reason)
 
 
 class Acquisition:
@@ -68,13 +65,6 @@ class Acquisition:
         What records or plays the wire.
     name : str
         Of the thread and in error texts.
-
-    Attributes
-    ----------
-    error : BenchError or None
-        What is wrong now.
-    over : str
-        Why it has ended by itself: what is played has no more.  Empty until then.
     """
 
     def __init__(
@@ -92,8 +82,8 @@ class Acquisition:
         self._tape: Tape = tape or NoTape()
         self._correct = correct
         self.on_data = on_data
-        self.error: BenchError | None = None
-        self._driver = driver
+        self.error: BenchError | None = None  # what is wrong now
+        self.device = driver  # what is read; only its own thread touches it while that runs
         self._clock = clock
         self._capacity = capacity_samples or max(64, round(CAPACITY_S * driver.rate_hz))
         self._lock = threading.Lock()
@@ -103,6 +93,7 @@ class Acquisition:
         self._queued = 0
         self._counts: Counter[str] = Counter()
         self._errors: Counter[str] = Counter()
+        # why it has ended by itself: what is played has no more.  Empty until then
         self.over = self._last_error = self._scheduling = ''
         self._main = main_stream(driver.rate_hz, driver.paced)
         self._beside: dict[tuple[str, ...], PolledStream] = {}
@@ -112,9 +103,9 @@ class Acquisition:
         self._failures_in_row = 0
         self._backoff_s = FIRST_BACKOFF_S
         self._continuity = 0
-        self._heard_ns = self._looked_ns = self._base_ns = 0
+        self._heard_ns = self._looked_ns = 0
+        self._schedule = Schedule(driver, 0)
         self._due_ns = 0
-        self._turn = 0
 
     def prepare(self) -> str:
         """
@@ -128,8 +119,8 @@ class Acquisition:
         BenchError
             If the sensor does not answer, or is another one.
         """
-        self._part = self._driver.identify()
-        self._driver.configure()
+        self._part = self.device.identify()
+        self.device.configure()
         self._ready = True
         return self._part
 
@@ -175,7 +166,7 @@ class Acquisition:
         """Stop, and release the bus."""
         self.stop()
         self._tape.finish()
-        self._driver.close()
+        self.device.close()
 
     def drain(self) -> list[Samples]:
         """Return everything that waits, oldest first; stamps rise within each stream."""
@@ -189,7 +180,7 @@ class Acquisition:
         """A picture of now; may be taken from any thread."""
         with self._lock:
             model, meter = self._main.model, self._main.meter
-            rate = model.rate() if self._driver.dated else UNDATED
+            rate = model.rate() if self.device.dated else UNDATED
             return AcquisitionStats(
                 state=self._state,
                 error='' if self.error is None else str(self.error),
@@ -199,22 +190,27 @@ class Acquisition:
                 rate_error=error_of(rate, model.nominal_hz),
                 delivered=meter.delivered(),
                 jitter=meter.jitter(),
+                stamp_uncertainty=model.uncertainty() if self.device.dated else UNDATED_STAMPS,
                 samples=self._counts['samples'],
                 lost=self._counts['lost'] + model.missing + self._counts['dropped'],
                 dropped=self._counts['dropped'],
-                bus_errors=self._driver.counters['bus_errors'],
+                bus_errors=self.device.counters['bus_errors'],
                 failures=self._counts['failures'],
                 recoveries=self._counts['recoveries'],
                 late=self._counts['late'],
                 queued=self._queued,
-                counters=dict(self._driver.counters),
+                counters=dict(self.device.counters),
                 errors=dict(self._errors),
                 last_error=self._last_error,
-                scheduling=self._scheduling,
+                scheduling=priority.still(self._scheduling),
                 over=self.over,
                 tape=self._tape.said,
                 tape_problem=self._tape.problem,
             )
+
+    def keep(self, seconds: float, most: int) -> None:
+        """Let the queue hold so much, and never more than `most` samples."""
+        self._capacity = min(max(64, round(seconds * self.device.rate_hz)), most)
 
     def step(self) -> int:
         """
@@ -258,7 +254,7 @@ class Acquisition:
         self._tape.finish()
         if self._state == 'running':
             try:
-                self._driver.stop()
+                self.device.stop()
             except BenchError as error:
                 self._counts['failures'] += 1
                 self.error = error
@@ -270,7 +266,7 @@ class Acquisition:
             self.on_data()
 
     def _run(self) -> None:
-        self._scheduling = raise_priority()
+        self._scheduling = priority.raise_priority()
         self._begin()
         try:
             while not self._stopping.is_set():
@@ -293,7 +289,7 @@ class Acquisition:
         with self._lock:
             # what passed while nobody wanted data is not lost
             self._counts['lost'] += self._main.model.missing
-            self._main = main_stream(self._driver.rate_hz, self._driver.paced)
+            self._main = main_stream(self.device.rate_hz, self.device.paced)
         self._state = 'starting'
         self._due_ns = 0  # now; without a look at the clock, so that all begin alike
 
@@ -302,7 +298,7 @@ class Acquisition:
         if not self._ready:
             self.prepare()
         self._ready = False
-        self._driver.start()
+        self.device.start()
         with self._lock:
             self._counts['recoveries'] += self._state == 'recovering'
             self._enqueue(self._main.interrupt())
@@ -310,34 +306,44 @@ class Acquisition:
             self.error = None
         self._failures_in_row = 0
         self._backoff_s = FIRST_BACKOFF_S
-        self._continuity = self._driver.continuity
-        self._heard_ns = self._looked_ns = self._base_ns = self._clock.now_ns()
-        self._turn = 0
+        self._continuity = self.device.continuity
+        self._heard_ns = self._looked_ns = self._clock.now_ns()
+        self._schedule = Schedule(self.device, self._heard_ns)
 
     def _read(self) -> None:
-        runs = self._driver.read()
+        runs = self.device.read()
         self._failures_in_row = 0
         with self._lock:
             self.error = None
-            if self._driver.continuity != self._continuity:
-                self._continuity = self._driver.continuity
+            if self.device.continuity != self._continuity:
+                self._continuity = self.device.continuity
                 self._enqueue(self._main.interrupt())
+            heard = False
             for place, run in enumerate(runs):
-                if place in self._driver.skipped:
-                    self._main.skip(self._driver.skipped[place])
+                if place in self.device.skipped:
+                    self._main.skip(self.device.skipped[place])
                 stream = self._stream(run)
-                if isinstance(stream, CountedStream) and not self._driver.dated:
-                    self._enqueue(stream.push_undated(run))
+                # another die may go on while the FIFO of the main one is stuck
+                heard |= stream is self._main and len(run) > 0
+                driver = self.device
+                if isinstance(stream, PacedStream):
+                    self._enqueue(stream.push(run, self._schedule.due_ns))
+                elif isinstance(stream, PolledStream):
+                    self._enqueue(stream.push(run), False)
+                elif driver.dated:
+                    self._enqueue(stream.push(run, driver.edge, driver.latch_ns))
                 else:
-                    self._enqueue(stream.push(run))
+                    self._enqueue(stream.push_undated(run))
             waiting = self._queued > 0
         if waiting and self.on_data is not None:
             self.on_data()
-        self._listen(any(len(run) for run in runs))
+        self._listen(heard)
 
     def _stream(self, run: Samples) -> CountedStream | PacedStream | PolledStream:
-        kind = quantities(run)
-        if not any(quantity in self._driver.rates_hz for quantity in kind):
+        if not self.device.rates_hz:
+            return self._main
+        kind = tuple(run.columns)
+        if not any(quantity in self.device.rates_hz for quantity in kind):
             return self._main
         return self._beside.setdefault(kind, PolledStream())
 
@@ -345,10 +351,10 @@ class Acquisition:
         """Notice a chip that answers and yet delivers nothing: it was reset behind our back."""
         now = self._clock.now_ns()
         # while nobody looked, as when somebody else held the bus, the chip was not silent
-        away = now - self._looked_ns - round(2e9 * self._driver.poll_period_s)
+        away = now - self._looked_ns - round(2 * self._schedule.poll_ns)
         self._heard_ns = now if heard else self._heard_ns + max(away, 0)
         self._looked_ns = now
-        patience_s = max(SILENCE_S, 10 / self._driver.rate_hz, 5 * self._driver.poll_period_s)
+        patience_s = self._schedule.patience_s
         if now - self._heard_ns > patience_s * 1e9:
             self._failures_in_row = RETRIES
             raise NotReady(
@@ -356,12 +362,12 @@ class Acquisition:
                 'configuring it again'
             )
 
-    def _enqueue(self, runs: list[Samples]) -> None:
+    def _enqueue(self, runs: list[Samples], of_main: bool = True) -> None:
         for run in runs:
             if self._queued + len(run) > self._capacity:
                 self._counts['dropped'] += len(run)
                 continue
-            if quantities(run) not in self._beside:
+            if of_main:
                 self._counts['samples'] += len(run)
             self._queue.append(run)
             self._queued += len(run)
@@ -382,19 +388,7 @@ class Acquisition:
         return self._clock.now_ns() + round(pause_s * 1e9)
 
     def _next_due(self) -> int:
-        """
-        Return the next deadline: regular, but for a shift within one sample period.
-
-        Reading in step with the chip would show the clock model the same phase
-        over and over; shifts by multiples of the golden ratio show it every
-        phase, so that some reading soon comes right after a sample.  Where the
-        reading is the sample there is no shift.
-        """
-        now = self._clock.now_ns()
-        poll = self._driver.poll_period_s * 1e9
-        reach = 0.0 if self._driver.paced else min(1e9 / self._driver.rate_hz, 0.5 * poll)
-        self._turn += 1
-        if self._base_ns + (self._turn + 1) * poll < now:
-            self._counts['late'] += 1
-            self._turn = int((now - self._base_ns) // poll) + 1
-        return self._base_ns + round(self._turn * poll + self._turn * GOLDEN % 1.0 * reach)
+        late = self._schedule.late
+        due_ns = self._schedule.next_ns(self._clock.now_ns())
+        self._counts['late'] += self._schedule.late - late
+        return due_ns

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import islice
 import os
 from typing import TypeVar
 
@@ -16,28 +15,42 @@ Answer = TypeVar('Answer')
 THREADS = 2
 """More do not help: somebody has to use what they bring."""
 
+_ROOM = 1 << 26
+"""Bytes of all answers together, that in use included, unless a single one is larger."""
 
-def ahead(work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Iterator[Answer]:
+
+def ahead(work: Callable[[Job], Answer], jobs: Iterable[tuple[Job, int]]) -> Iterator[Answer]:
     """
     Yield the answers to some jobs in their order, a few jobs ahead of who asks.
 
     Worth it where the work leaves the lock of the interpreter alone: decompression,
     checksums, reading, large copies.
-
-    Examples
-    --------
-    >>> list(ahead(lambda number: number**2, range(4)))
-    [0, 1, 4, 9]
     """
     threads = max(1, min(THREADS, os.cpu_count() or 1))
     coming = iter(jobs)
+    following = next(coming, None)
     pool = ThreadPoolExecutor(threads)
-    waiting: deque[Future[Answer]] = deque()
+    waiting: deque[tuple[Future[Answer], int]] = deque()
+    taken = 0
+
+    def submit() -> None:
+        nonlocal following, taken
+        while following is not None and len(waiting) <= threads:
+            job, size = following
+            if taken and taken + size > _ROOM:
+                break
+            waiting.append((pool.submit(work, job), size))
+            taken += size
+            following = next(coming, None)
+
     try:
-        waiting.extend(pool.submit(work, job) for job in islice(coming, threads + 1))
+        submit()
         while waiting:
-            answer = waiting.popleft().result()
-            waiting.extend(pool.submit(work, job) for job in islice(coming, 1))
-            yield answer
+            future, size = waiting.popleft()
+            submit()
+            yield future.result()
+            del future
+            taken -= size
+            submit()
     finally:
         pool.shutdown(cancel_futures=True)

@@ -13,34 +13,20 @@ import weakref
 
 from imu_bench.bags import mcap_records, metadata, sqlite
 from imu_bench.bags.block import Block, Channel, join, Storage
-from imu_bench.bags.compression import expand, expand_file, ZSTD_MAGIC
+from imu_bench.bags.buffers import gather
+from imu_bench.bags.compression import expand, expand_file, MAX_MESSAGE, ZSTD_MAGIC
 from imu_bench.bags.mcap import McapFile
 from imu_bench.bags.metadata import Announcement
 from imu_bench.bags.problems import COUNTS, INCOMPLETE, Problem
 from imu_bench.errors import RecordingError
 
+_ZSTD_START = int.from_bytes(ZSTD_MAGIC, 'little')
 _SPLIT = re.compile(r'^(?P<stem>.*?)(?:_(?P<number>\d+))?(?P<suffix>\.(?:db3|mcap)(?:\.zstd)?)$')
 
 
 class Bag:
     """
     A bag of ROS 2: a folder with or without metadata, or a single storage file.
-
-    Parameters
-    ----------
-    path : Path
-
-    Attributes
-    ----------
-    files : tuple of Path
-        The storage files that are read, in order.
-    storages : tuple of Storage
-    announcement : Announcement or None
-    format : str
-        'rosbag2 mcap', 'rosbag2 sqlite3' or both.
-    channels : tuple of Channel
-    counts : dict of str to int
-        Messages stored by topic.
 
     Raises
     ------
@@ -55,20 +41,20 @@ class Bag:
         self._cleaning: weakref.finalize[..., Bag] | None = None
         self.storages: tuple[Storage, ...] = ()
         self.announcement = self._announcement()
-        self.files = self._files()
+        self.files = self._files()  # the storage files that are read, in order
         try:
             self.storages = self._opened()
             self.channels: tuple[Channel, ...] = tuple(
                 dict.fromkeys(channel for storage in self.storages for channel in storage.channels)
             )
-            self.counts: dict[str, int] = self._count()
+            self.counts: dict[str, int] = self._count()  # messages stored by topic
         except BaseException:
             self.close()
             raise
         kinds = dict.fromkeys(
             'mcap' if isinstance(storage, McapFile) else 'sqlite3' for storage in self.storages
         )
-        self.format = 'rosbag2 ' + ' and '.join(kinds)
+        self.format = 'rosbag2 ' + ' and '.join(kinds)  # 'rosbag2 mcap', 'rosbag2 sqlite3' or both
         self._compare()
 
     @property
@@ -80,9 +66,10 @@ class Bag:
         """Yield the messages of some topics, file after file, decompressed."""
         for storage in self.storages:
             for block in storage.blocks(topics):
-                # no serialized message begins like this, whatever the metadata says
-                packed = bytes(memoryview(block.buffer)[block.offsets[0] :][:4]) == ZSTD_MAGIC
-                yield self._unpacked(block) if packed else block
+                if _packed(block):
+                    yield from self._unpacked(block)
+                else:
+                    yield block
 
     def close(self) -> None:
         """Give temporary files back; the bag cannot be read afterwards."""
@@ -113,15 +100,33 @@ class Bag:
             )
         return found
 
+    def _broken(self, announcement: Announcement | None) -> str:
+        """Return what is wrong with the files that the metadata names, or that look like some."""
+        names = announcement.files if announcement is not None else ()
+        there = {file.name: file for file in self.path.iterdir() if file.is_file()}
+        files = [there[name] for name in dict.fromkeys(names) if name in there]
+        files = files or [file for name, file in sorted(there.items()) if is_named_so(file)]
+        return ', '.join(
+            f'{file.name} is empty'
+            if not file.stat().st_size
+            else f'{file.name} is no storage file'
+            for file in files
+        )
+
     def _files(self) -> tuple[Path, ...]:
         if not self.path.is_dir():
             return (self.path,)
         present = {file.name: file for file in self.path.iterdir() if kind(file)}
+        if not present and (broken := self._broken(self.announcement)):
+            raise RecordingError(f'{self.path}: the bag is damaged: {broken}')
         if not present:
             raise RecordingError(
                 f'{self.path}: no bag in this folder: it holds no .mcap or .db3 file'
             )
-        listed = self.announcement.files if self.announcement is not None else ()
+        announced = self.announcement.files if self.announcement is not None else ()
+        listed = tuple(dict.fromkeys(announced))
+        if len(listed) < len(announced):
+            self._problems.append('metadata.yaml names a file more than once: it is read once')
         found = [present[name] for name in listed if name in present]
         missing = [name for name in listed if name not in present]
         if missing:
@@ -158,8 +163,8 @@ class Bag:
         plain = file
         if _magic(file).startswith(ZSTD_MAGIC):
             plain = self._temporary() / file.name.removesuffix('.zstd')
-            if not expand_file(file, plain):
-                self._report(f'{file.name}: damaged or cut off: read up to the damage')
+            if problem := expand_file(file, plain):
+                self._report(f'{file.name}: {problem}')
             if not kind(plain):
                 raise RecordingError(f'{file}: damaged: nothing in it can be decompressed')
         try:
@@ -219,29 +224,47 @@ class Bag:
                     f'the storage says {channel.serialization}'
                 )
 
-    def _unpacked(self, block: Block) -> Block:
-        """Decompress messages that are compressed one by one."""
-        blobs = [_expanded(blob) for blob in block.blobs()]
-        kept = [index for index, blob in enumerate(blobs) if blob is not None]
-        if len(kept) < len(blobs):
-            line = f'damaged compressed messages on {block.channel.topic} were skipped'
-            if line not in self._problems:
-                self._report(line)
-        whole = [blob for blob in blobs if blob is not None]
-        return join(block.channel, block.receive_ns[kept], whole)
+    def _unpacked(self, block: Block) -> Iterator[Block]:
+        """Decompress messages that are compressed one by one, some megabytes at a time."""
+        blobs: list[bytes] = []
+        kept: list[int] = []
+        room = MAX_MESSAGE
+        for index, blob in enumerate(block.blobs()):
+            try:
+                blobs.append(bytes(expand(blob, 'zstd', most=MAX_MESSAGE)))
+            except RecordingError:
+                topic = block.channel.topic
+                line = f'compressed messages on {topic}, damaged or too large, were skipped'
+                if line not in self._problems:
+                    self._report(line)
+                continue
+            kept.append(index)
+            room -= len(blobs[-1])
+            if room <= 0:
+                yield join(block.channel, block.receive_ns[kept], blobs)
+                blobs, kept, room = [], [], MAX_MESSAGE
+        if kept:
+            yield join(block.channel, block.receive_ns[kept], blobs)
 
 
-def _expanded(blob: bytes) -> bytes | None:
-    """Return a decompressed message, None if it is damaged."""
-    try:
-        return bytes(expand(blob, 'zstd'))
-    except RecordingError:
-        return None
+def _packed(block: Block) -> bool:
+    """
+    Return whether the messages of a block are compressed one by one, whatever the metadata says.
+
+    No serialized message begins like that; where one is damaged, others tell.
+    """
+    whole = block.offsets[block.sizes >= len(ZSTD_MAGIC)]
+    return bool((gather(block.buffer, '<u4', whole) == _ZSTD_START).any())
 
 
 def is_bag_folder(folder: Path) -> bool:
     """Return whether a folder holds storage files or metadata of a bag."""
     return (folder / metadata.FILE_NAME).is_file() or any(kind(file) for file in folder.iterdir())
+
+
+def is_named_so(file: Path) -> bool:
+    """Return whether a file has the name of a storage file, whatever is in it."""
+    return _SPLIT.match(file.name) is not None
 
 
 def kind(path: Path) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,22 +17,14 @@ _LONGEST_NAME = 255
 
 @dataclass(frozen=True)
 class Channel:
-    """
-    A topic as a bag describes it.
+    """A topic as a bag describes it."""
 
-    Attributes
-    ----------
-    topic, type : str
-        As spelled in the bag; what damage has put into them is made printable.
-    serialization : str
-        'cdr' in every bag of ROS 2 that we can decode.
-    encoding, definition : str
-        Kind ('ros2msg', 'ros2idl') and text of the message definition; empty if not stored.
-    """
-
+    # topic, type: as spelled in the bag; what damage has put into them is made printable
     topic: str
     type: str
-    serialization: str = 'cdr'
+    serialization: str = 'cdr'  # 'cdr' in every bag of ROS 2 that we can decode
+    # encoding, definition: kind ('ros2msg', 'ros2idl') and text of the message definition; empty
+    # if not stored
     encoding: str = ''
     definition: str = ''
 
@@ -56,23 +48,12 @@ def printable(text: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """
-    Consecutive messages of one channel, in the order stored.
-
-    Attributes
-    ----------
-    channel : Channel
-    receive_ns : ndarray of int64, shape (n,)
-        Time of arrival at the recorder.
-    buffer : bytes-like
-        Holds the messages, and maybe other bytes between them.
-    offsets, sizes : ndarray of int64, shape (n,)
-        Where each message lies in the buffer, in bytes.
-    """
+    """Consecutive messages of one channel, in the order stored."""
 
     channel: Channel
-    receive_ns: npt.NDArray[np.int64]
-    buffer: bytes | memoryview
+    receive_ns: npt.NDArray[np.int64]  # time of arrival at the recorder
+    buffer: bytes | memoryview  # holds the messages, and maybe other bytes between them
+    # offsets, sizes: where each message lies in the buffer, in bytes
     offsets: npt.NDArray[np.int64]
     sizes: npt.NDArray[np.int64]
 
@@ -92,6 +73,24 @@ def join(channel: Channel, receive_ns: npt.NDArray[np.int64], blobs: list[bytes]
     """Return a block made of single messages."""
     sizes = np.array([len(blob) for blob in blobs], np.int64)
     return Block(channel, receive_ns, b''.join(blobs), np.cumsum(sizes) - sizes, sizes)
+
+
+class Messages(NamedTuple):
+    """Messages to be stored, of one topic and one length: receive_ns (n,), rows (n, bytes)."""
+
+    topic: str
+    receive_ns: npt.NDArray[np.int64]
+    rows: npt.NDArray[np.uint8]
+
+    @property
+    def number(self) -> int:
+        """How many they are."""
+        return len(self.rows)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory they take."""
+        return self.rows.nbytes + self.receive_ns.nbytes
 
 
 class Storage(Protocol):

@@ -13,29 +13,14 @@ Ints = npt.NDArray[np.int64]
 
 
 def gather(buffer: Buffer, dtype: str, offsets: Ints) -> Ints:
-    """
-    Return the integers at some byte offsets of a buffer, aligned or not.
-
-    Examples
-    --------
-    >>> gather(bytes(range(8)), '<u2', np.array([1, 4])).tolist()
-    [513, 1284]
-    """
+    """Return the integers at some byte offsets of a buffer, aligned or not."""
     kind = np.dtype(dtype)
     every = np.ndarray((max(0, len(buffer) - kind.itemsize + 1),), kind, buffer, 0, (1,))
     return every[offsets].astype(np.int64)
 
 
 def table(buffer: Buffer, kind: np.dtype[Any], offsets: Ints) -> npt.NDArray[Any]:
-    """
-    Return the records, all of one kind, at some byte offsets of a buffer, aligned or not.
-
-    Examples
-    --------
-    >>> kind = np.dtype([('id', 'u1'), ('length', '<u2')])
-    >>> table(bytes(range(8)), kind, np.array([1, 4]))['length'].tolist()
-    [770, 1541]
-    """
+    """Return the records, all of one kind, at some byte offsets of a buffer, aligned or not."""
     # one opaque item from every byte on: numpy copies such items faster than records
     room = max(0, len(buffer) - kind.itemsize + 1)
     every = np.ndarray((room,), f'V{kind.itemsize}', buffer, 0, (1,))

@@ -29,11 +29,6 @@ class ColumnWriter:
     beside : sequence of str
         Quantities that have stamps of their own.
 
-    Attributes
-    ----------
-    count : int
-        Samples of the main source.
-
     Raises
     ------
     OSError
@@ -52,7 +47,7 @@ class ColumnWriter:
 
     def __init__(self, folder: Path, beside: Sequence[str] = ()) -> None:
         folder.mkdir()
-        self.count = 0
+        self.count = 0  # samples of the main source
         self._folder = folder
         self._prefixes = ['', *(f'{quantity}_' for quantity in beside)]
         self._files: dict[str, tuple[BinaryIO, int, np.ndarray]] = {}

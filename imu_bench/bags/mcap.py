@@ -17,7 +17,7 @@ import zlib
 from imu_bench.bags import mcap_records as rec
 from imu_bench.bags.ahead import ahead
 from imu_bench.bags.block import Block, Channel
-from imu_bench.bags.buffers import Buffer, Ints
+from imu_bench.bags.buffers import Buffer
 from imu_bench.bags.compression import MAX_EXPANDED
 from imu_bench.bags.mcap_chunks import (
     Found,
@@ -45,22 +45,6 @@ class McapFile:
     A closed file is read by its summary and message indexes; a file without them
     (recorder killed, power lost, disk full) is scanned and read up to its last
     complete message.
-
-    Parameters
-    ----------
-    path : Path
-
-    Attributes
-    ----------
-    channels, counts, problems
-        As in ``Storage``.
-    complete : bool
-        Whether the file was closed by its writer and its summary is sound.
-
-    Raises
-    ------
-    RecordingError
-        If it is not an mcap file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -71,6 +55,7 @@ class McapFile:
             if file.read(len(rec.MAGIC)) != rec.MAGIC:
                 raise RecordingError(f'{path}: not an mcap file: it does not begin with its magic')
             summary = self._summary(file)
+            # whether the file was closed by its writer and its summary is sound
             self.complete = summary is not None
             self._chunks: list[rec.ChunkPlace] | None = None
             by_number: Mapping[int, int]
@@ -78,14 +63,18 @@ class McapFile:
                 self._catalogue, by_number = self._scan(file)
             else:
                 self._catalogue, by_number = summary.catalogue, summary.counts
-                if summary.chunk_count and summary.chunk_count == len(summary.chunks):
+                whole = summary.chunk_count and summary.chunk_count == len(summary.chunks)
+                if whole and self._lists_all(file, summary):
                     self._chunks = summary.chunks
         found = self._catalogue.channels
+        # channels, counts: as in ``Storage``
         self.channels: tuple[Channel, ...] = tuple(dict.fromkeys(found.values()))
         self.counts: dict[str, int] = {channel.topic: 0 for channel in self.channels}
         for number, count in by_number.items():
             if number in found:
                 self.counts[found[number].topic] += count
+            elif count:
+                self._problems.add(f'{count} messages belong to no channel', 'channels')
 
     @property
     def message_count(self) -> int:
@@ -122,9 +111,12 @@ class McapFile:
         """Yield all messages of the file, those of a few chunks at a time."""
         with self.path.open('rb') as file:
             places = self._sections(file) if self._chunks is None else self._chunks
-            for loaded in ahead(self._load, grouped(places)):
+            for loaded in ahead(self._load, grouped(file, places)):
                 self._tell(loaded.problems)
-                yield from loaded.messages
+                messages, loaded.messages = loaded.messages, []
+                # not kept while the next are loaded
+                while messages:
+                    yield messages.pop(0)
 
     def _load(self, place: list[rec.ChunkPlace] | Buffer) -> Loaded:
         """Return the messages of some chunks, or of a window of loose records."""
@@ -201,10 +193,28 @@ class McapFile:
         try:
             if crc and zlib.crc32(memoryview(section)[:checked]) != crc:
                 raise RecordingError('summary damaged: its checksum does not match')
-            return rec.parse_summary(section)
+            return rec.parse_summary(section, start)
         except RecordingError as problem:
             self._problems.add(str(problem))
             return None
+
+    def _lists_all(self, file: BinaryIO, summary: rec.Summary) -> bool:
+        """Return whether a summary lists every chunk: there is nothing else between those."""
+        position = len(rec.MAGIC)
+        for place in (*summary.chunks, rec.ChunkPlace(summary.start, 0, 0)):
+            while position < place.start:
+                head = self._read(file, position, rec.RECORD.size)
+                if len(head) < rec.RECORD.size:
+                    break
+                opcode, size = rec.RECORD.unpack(head)
+                if opcode in (rec.CHUNK, rec.MESSAGE):
+                    break
+                position += rec.RECORD.size + size
+            if position != place.start:
+                self._problems.add('its summary does not list all chunks: every byte is looked at')
+                return False
+            position += place.length + place.index_length
+        return True
 
     def _scan(self, file: BinaryIO) -> tuple[rec.Catalogue, Counter[int]]:
         """Find channels and count messages without the help of a summary."""
@@ -212,16 +222,15 @@ class McapFile:
         counts: Counter[int] = Counter()
         for place in self._sections(file):
             problems: list[str] = []
-            known: dict[int, Ints] = {}
             found: Messages | None = None
             if not isinstance(place, rec.ChunkPlace):
                 found = walked(place)
             elif (chunk := load_chunk(file, self._size, place, problems)) is not None:
-                found, known = messages_of(chunk, problems), chunk.indexes
+                found = messages_of(chunk, problems)
             self._tell(problems)
             if found is None:
                 continue
-            if not known or not known.keys() <= catalogue.channels.keys():
+            if _has_more(found):
                 try:
                     catalogue.add_all(found.buffer, rec.walk(found.buffer))
                 except struct.error as problem:
@@ -229,6 +238,13 @@ class McapFile:
             sizes = {number: mine.offsets.size for number, mine in found.by_channel.items()}
             counts.update(sizes)
         return catalogue, counts
+
+
+def _has_more(found: Messages) -> bool:
+    """Return whether there is more than messages: a channel may come long before its first."""
+    sizes = [mine.sizes for mine in found.by_channel.values()]
+    messages = sum(int(mine.sum()) + rec.RECORD.size * mine.size for mine in sizes)
+    return messages != len(found.buffer)
 
 
 def _block(channel: Channel, buffer: Buffer, found: Found) -> Block:

@@ -21,7 +21,10 @@ from imu_bench.bags.compression import expand, expand_part, MAX_EXPANDED
 from imu_bench.errors import RecordingError
 import numpy as np
 
-_GROUP_CHUNKS, _GROUP_BYTES = 8, 1 << 22
+_GROUP_CHUNKS, _GROUP_BYTES = 8, 1 << 23
+
+_BEYOND = 1 << 62
+"""No file has such a byte, and the system none beyond twice that."""
 
 _HEAD = np.dtype(
     [('opcode', 'u1'), ('size', '<i8'), ('channel', '<u2'), ('sequence', '<u4'), ('time', '<i8')]
@@ -64,24 +67,35 @@ class Loaded:
     problems: list[str] = field(default_factory=list)
 
 
-def grouped(places: Iterable[rec.ChunkPlace | Buffer]) -> Iterator[list[rec.ChunkPlace] | Buffer]:
-    """Yield chunks that are to be loaded together, and whatever else as it comes."""
+def grouped(
+    file: BinaryIO, places: Iterable[rec.ChunkPlace | Buffer]
+) -> Iterator[tuple[list[rec.ChunkPlace] | Buffer, int]]:
+    """Yield chunks that are to be loaded together, whatever else as it comes, and their bytes."""
     group: list[rec.ChunkPlace] = []
     size = 0
     for place in places:
-        if not isinstance(place, rec.ChunkPlace):
-            if group:
-                yield group
-            yield place
+        chunk = isinstance(place, rec.ChunkPlace)
+        expanded = _claimed(file, place) if isinstance(place, rec.ChunkPlace) else len(place)
+        full = size + expanded > _GROUP_BYTES or len(group) >= _GROUP_CHUNKS
+        if group and (full or not chunk):
+            yield group, size
             group, size = [], 0
-            continue
-        group.append(place)
-        size += place.length
-        if size >= _GROUP_BYTES or len(group) >= _GROUP_CHUNKS:
-            yield group
-            group, size = [], 0
+        if isinstance(place, rec.ChunkPlace):
+            group.append(place)
+            size += expanded
+        else:
+            yield place, expanded
     if group:
-        yield group
+        yield group, size
+
+
+def _claimed(file: BinaryIO, place: rec.ChunkPlace) -> int:
+    """Return the bytes that a chunk will take, as it says itself."""
+    if place.start >= _BEYOND:
+        return 0
+    file.seek(place.start)
+    claimed = rec.chunk_size(file.read(rec.CHUNK_START))
+    return min(max(claimed, place.length), MAX_EXPANDED)
 
 
 def load(path: Path, size: int, places: Sequence[rec.ChunkPlace]) -> Loaded:

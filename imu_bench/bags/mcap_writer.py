@@ -52,15 +52,6 @@ class McapWriter:
     compression : str
         'zstd' or '' for none.
 
-    Attributes
-    ----------
-    size : int
-        Bytes on disk.
-    stored : Counter
-        Messages on disk by topic.
-    first_ns, last_ns : int
-        Earliest and latest receive time on disk.
-
     Raises
     ------
     OSError
@@ -71,11 +62,12 @@ class McapWriter:
 
     def __init__(self, path: Path, compression: str = 'zstd') -> None:
         self.path = path
-        self.size = 0
+        self.size = 0  # bytes on disk
         self._compression = compression
         self._channels: dict[str, tuple[int, bytes]] = {}
         self._schemas: dict[str, tuple[int, bytes]] = {}
-        self.stored: Counter[str] = Counter()
+        self.stored: Counter[str] = Counter()  # messages on disk by topic
+        # first_ns, last_ns: earliest and latest receive time on disk
         self.first_ns, self.last_ns = NEVER, 0
         self._chunk = _Chunk()
         self._chunk_indexes: list[bytes] = []

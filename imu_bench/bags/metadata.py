@@ -16,46 +16,32 @@ from typing import Any
 
 from imu_bench.bags.block import printable
 from imu_bench.bags.topic_info import NEVER, TopicInfo
+from imu_bench.config.files import load
 from imu_bench.errors import RecordingError
 import yaml
 
 FILE_NAME = 'metadata.yaml'
 NEWEST_VERSION = 9
 _ROOT = 'rosbag2_bagfile_information'
-_MAX_SIZE = 1 << 26
+_MAX_SIZE = 1 << 22
+"""Bytes: an entry of one topic or file has 250 or more; read, it takes a hundred times as much."""
+_MOST = 1_000_000
 
 
 @dataclass(frozen=True)
 class Announcement:
-    """
-    What a metadata file says about its bag.
-
-    Attributes
-    ----------
-    version : int
-    storage : str
-        'sqlite3', 'mcap' or another storage plugin.
-    files : tuple of str
-        Names of the storage files, in order, without folders.
-    counts : dict of str to int
-        Messages by topic.
-    serializations : dict of str to str
-        Serialization format by topic.
-    message_count : int
-    compression_format, compression_mode : str
-        Empty, or 'zstd' and 'file' or 'message', in lower case.
-    custom : dict of str to str
-        Custom data: what whoever recorded it wanted to say.
-    """
+    """What a metadata file says about its bag."""
 
     version: int
-    storage: str
-    files: tuple[str, ...]
-    counts: dict[str, int] = field(default_factory=dict)
-    serializations: dict[str, str] = field(default_factory=dict)
+    storage: str  # 'sqlite3', 'mcap' or another storage plugin
+    files: tuple[str, ...]  # names of the storage files, in order, without folders
+    counts: dict[str, int] = field(default_factory=dict)  # messages by topic
+    serializations: dict[str, str] = field(default_factory=dict)  # serialization format by topic
     message_count: int = 0
+    # compression_format, compression_mode: empty, or 'zstd' and 'file' or 'message', in lower case
     compression_format: str = ''
     compression_mode: str = ''
+    # custom data: what whoever recorded it wanted to say
     custom: dict[str, str] = field(default_factory=dict)
 
 
@@ -72,27 +58,17 @@ def read(path: Path) -> Announcement:
         raise RecordingError(f'{path}: larger than {_MAX_SIZE >> 20} MiB')
     try:
         loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-        document = yaml.load(path.read_bytes(), Loader=loader)
+        document = load(path.read_bytes(), loader, _MOST)
         return parse(document)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as problem:
-        reason = ' '.join(str(problem).split())
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, OverflowError) as problem:
+        reason = printable(' '.join(str(problem).split()))
         raise RecordingError(f'{path}: damaged: {reason}') from problem
     except (KeyError, TypeError, AttributeError) as problem:
         raise RecordingError(f'{path}: an entry is missing or misplaced: {problem!r}') from problem
 
 
 def parse(document: dict[str, Any]) -> Announcement:
-    """
-    Return the content of a loaded metadata document.
-
-    Examples
-    --------
-    >>> parse({'rosbag2_bagfile_information': {
-    ...     'version': 1, 'storage_identifier': 'sqlite3', 'relative_file_paths': ['a.db3'],
-    ...     'message_count': 2, 'topics_with_message_count': [
-    ...         {'topic_metadata': {'name': '/imu'}, 'message_count': 2}]}}).counts
-    {'/imu': 2}
-    """
+    """Return the content of a loaded metadata document."""
     bag = document[_ROOT]
     counts: dict[str, int] = {}
     serializations: dict[str, str] = {}

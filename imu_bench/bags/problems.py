@@ -6,6 +6,21 @@ from __future__ import annotations
 INCOMPLETE, COUNTS, STAMPS, NOT_A_NUMBER = 'incomplete', 'counts', 'stamps', 'not_a_number'
 """Codes: parts not read; announced is not stored; stamps replaced; values left out."""
 
+PUBLISHERS = 'several_publishers'
+"""Code: the topic of one sensor has messages of several."""
+
+RECORDERS = 'several_recorders'
+"""Code: another recorder of ours took the same."""
+
+FLOODED = 'flooded'
+"""Code: more was said on /diagnostics than was recorded."""
+
+FOREIGN = 'foreign_topic'
+"""Code: of none of the sensors of the bench that was recorded."""
+
+SIMULATED = 'simulated'
+"""Code: nothing measured the samples."""
+
 REMARK = 'reading'
 """Code of what is no damage."""
 
@@ -16,22 +31,14 @@ class Problem(str):
     """
     One line on what happened while a recording was read, and what kind of thing it is.
 
-    Parameters
-    ----------
-    text : str
-    code : str, optional
-        One of the codes above.
-    topic : str, optional
-        If it is about one.
-
     Examples
     --------
     >>> Problem('a.mcap: cut off', INCOMPLETE).code, code_of('some words')
     ('incomplete', 'reading')
     """
 
-    code: str
-    topic: str
+    code: str  # one of the codes above
+    topic: str  # if it is about one
 
     def __new__(cls, text: str, code: str = REMARK, topic: str = '') -> Problem:
         """Return the text with its code."""
@@ -46,22 +53,7 @@ def code_of(words: str) -> str:
 
 
 class Problems:
-    """
-    The problems of one file, in the order found.
-
-    Parameters
-    ----------
-    name : str
-        Of the file; begins every line.
-
-    Examples
-    --------
-    >>> problems = Problems('a.mcap')
-    >>> for byte in range(5):
-    ...     problems.add(f'damaged chunk at byte {byte} skipped', 'damaged chunks')
-    >>> problems.lines[2:]
-    ['a.mcap: damaged chunk at byte 2 skipped', 'a.mcap: 2 more damaged chunks']
-    """
+    """The problems of one file, in the order found."""
 
     def __init__(self, name: str) -> None:
         self._name = name

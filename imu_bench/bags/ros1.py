@@ -9,6 +9,7 @@ all integers are little-endian.
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator
 from functools import cached_property
@@ -29,6 +30,9 @@ ANY_VERSION = b'#ROSBAG V'
 _MESSAGE, _BAG_HEADER, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = range(2, 8)
 _LENGTH = struct.Struct('<I')
 _MAX_HEADER = 1 << 16
+_MOST_TEXT = 1 << 24
+"""Bytes of all connections; those of the largest message types have 100 000."""
+
 _COMPRESSIONS = {b'none': '', b'bz2': 'bz2', b'lz4': 'lz4'}
 _INDEX_ENTRY = np.dtype([('sec', '<u4'), ('nanosec', '<u4'), ('offset', '<u4')])
 _DAMAGE = (struct.error, KeyError, IndexError, ValueError, RecordingError)
@@ -69,10 +73,6 @@ class Ros1File:
     """
     One bag of ROS 1, never modified.
 
-    Parameters
-    ----------
-    path : Path
-
     Attributes
     ----------
     channels, counts, problems
@@ -90,6 +90,7 @@ class Ros1File:
         self._size = path.stat().st_size
         self._connections: dict[int, Channel] = {}
         self._counts: Counter[int] = Counter()
+        self._text = _MOST_TEXT
         with path.open('rb') as file:
             magic = file.readline(32)
             if magic != MAGIC:
@@ -208,7 +209,14 @@ class Ros1File:
         except _DAMAGE as problem:
             self._problems.add(f'a damaged connection was skipped: {problem}', 'connections')
             return
-        self._connections.setdefault(number, Channel(topic, kind, 'ros1', 'ros1msg', definition))
+        if number in self._connections:
+            return
+        self._text -= len(data)
+        if self._text < 0:
+            line = f'connections described in more than {_MOST_TEXT} bytes were skipped'
+            self._problems.add(line, 'connections')
+            return
+        self._connections[number] = Channel(topic, kind, 'ros1', 'ros1msg', definition)
 
     def _count(self, file: BinaryIO) -> None:
         """Count messages, by the indexes where they can be believed."""
@@ -274,7 +282,7 @@ class Ros1File:
     def _walk(self, buffer: Buffer, start: int) -> dict[int, _Found]:
         """Find the messages of a chunk, and connections not met so far, record by record."""
         view = memoryview(buffer)
-        found: dict[int, list[tuple[int, ...]]] = {}
+        found: dict[int, array[int]] = {}  # not lists: there may be millions
         position = 0
         try:
             while position < len(view):
@@ -289,14 +297,18 @@ class Ros1File:
                     sec, nanosec = struct.unpack('<II', fields[b'time'])
                     stamp = sec * 1_000_000_000 + nanosec
                     entry = (stamp, position - size - 8 - length, record.start, size)
-                    found.setdefault(record.number(b'conn'), []).append(entry)
+                    found.setdefault(record.number(b'conn'), array('q')).extend(entry)
                 elif record.opcode == _CONNECTION:
                     self._add_connection(record, view[record.start : position])
         except _DAMAGE:
             line = f'cut off or damaged in the chunk at byte {start}'
             self._problems.add(line, 'damaged chunks')
+        lost = sum(len(found[number]) // 4 for number in found.keys() - self._connections.keys())
+        if lost:
+            line = f'{lost} messages in the chunk at byte {start} belong to no connection'
+            self._problems.add(line, 'chunks with such messages')
         return {
-            number: _Found(*np.array(entries, np.int64).T)
+            number: _Found(*np.array(entries, np.int64).reshape(-1, 4).T)
             for number, entries in found.items()
             if number in self._connections
         }
@@ -319,14 +331,7 @@ def _fields(header: bytes) -> dict[bytes, bytes]:
 
 
 def _named_messages(index: bytes, buffer: Buffer, record: _Record) -> _Found:
-    """
-    Return the messages of a chunk that an index record names.
-
-    Raises
-    ------
-    RecordingError
-        If the index does not fit the chunk.
-    """
+    """Return the messages of a chunk that an index record names."""
     entries = np.frombuffer(index, _INDEX_ENTRY)
     starts = np.sort(entries['offset'].astype(np.int64))
     order = np.argsort(entries['offset'], kind='stable')

@@ -10,18 +10,20 @@ release, the others came later and are optional here.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing
 from functools import cached_property
 from pathlib import Path
+import re
 import shutil
 import sqlite3
 from tempfile import mkdtemp
-from typing import BinaryIO
+from typing import Any, BinaryIO
 import weakref
 
-from imu_bench.bags.block import Block, Channel, join
+from imu_bench.bags.block import Block, Channel, join, printable
 from imu_bench.bags.buffers import Ints
+from imu_bench.bags.compression import MAX_MESSAGE
 from imu_bench.bags.problems import Problems
 from imu_bench.bags.sqlite_pages import COLUMNS, Pages, RowBatch
 from imu_bench.errors import RecordingError
@@ -29,6 +31,10 @@ import numpy as np
 
 MAGIC = b'SQLite format 3\x00'
 _LEFTOVERS = ('-wal', '-journal')
+_TABLE = re.compile(r'\s*create\s+table\b(?!.*\bwithout\s+rowid)', re.IGNORECASE | re.DOTALL)
+
+_MOST_TEXT, _ROW = 1 << 25, 100
+"""Characters of all names and definitions; what a row takes beside them."""
 
 
 class SqliteFile:
@@ -38,20 +44,6 @@ class SqliteFile:
     The file is opened as immutable, so that nothing is written beside it.  If a
     recorder left a journal behind, file and journal are copied and rolled
     forward or back there.
-
-    Parameters
-    ----------
-    path : Path
-
-    Attributes
-    ----------
-    channels, counts, problems
-        As in ``Storage``.
-
-    Raises
-    ------
-    RecordingError
-        If it is not a bag, or too damaged to list its topics.
     """
 
     def __init__(self, path: Path) -> None:
@@ -64,11 +56,13 @@ class SqliteFile:
         self._database = self._without_leftovers()
         try:
             with closing(_connect(self._database)) as connection:
-                self._numbers = _channels(connection)
-                root = _message_root(connection)
+                tables = _tables(connection)
+                self._numbers = _channels(connection, tables)
+                root = _message_root(connection, tables)
         except sqlite3.Error as problem:
             reason = ' '.join(str(problem).split())
             raise RecordingError(f'{path}: cannot be read as a bag: {reason}') from problem
+        # as in ``Storage``
         self.channels: tuple[Channel, ...] = tuple(dict.fromkeys(self._numbers.values()))
         self._pages = Pages(self._database)
         self._leaves, whole = self._pages.leaves(root)
@@ -106,32 +100,50 @@ class SqliteFile:
         Damaged messages are left out and reported in ``problems``.
         """
         numbers = [number for number, c in self._numbers.items() if c.topic in topics]
-        bad = 0
+        bad = stored = 0
+        self._pages.begin()
         with self._database.open('rb') as file:
             for rows in self._pages.rows(self._leaves):
                 bad += rows.bad
+                stored += rows.topics.size
                 for number in numbers:
                     mine = np.flatnonzero(rows.topics == number)
-                    if mine.size:
-                        block = self._block(file, self._numbers[number], rows, mine)
-                        bad += mine.size - len(block)
+                    bad += mine.size
+                    for block in self._blocks(file, self._numbers[number], rows, mine):
+                        bad -= len(block)
                         yield block
         if bad:
             self._problems.add(f'{bad} damaged places were skipped')
+        if stored < self.message_count:
+            self._problems.add(
+                f'by their numbers there were {self.message_count} messages, {stored} are found'
+            )
 
-    def _block(self, file: BinaryIO, channel: Channel, rows: RowBatch, mine: Ints) -> Block:
-        if not rows.overflow[mine].any():
+    def _blocks(
+        self, file: BinaryIO, channel: Channel, rows: RowBatch, mine: Ints
+    ) -> Iterator[Block]:
+        """Yield messages of one channel, of large ones some megabytes at a time."""
+        if mine.size and not rows.overflow[mine].any():
             sizes, offsets = rows.sizes[mine], rows.offsets[mine]
-            return Block(channel, rows.stamps[mine], rows.buffer, offsets, sizes)
-        blobs, stamps = [], []
+            yield Block(channel, rows.stamps[mine], rows.buffer, offsets, sizes)
+            return
+        blobs: list[bytes] = []
+        kept: list[int] = []
+        room = MAX_MESSAGE
         for index in mine.tolist():
             start, size = int(rows.offsets[index]), int(rows.sizes[index])
             data = rows.buffer[start : start + int(rows.local[index])]
             blob = self._pages.continued(file, data, size, int(rows.overflow[index]))
-            if blob is not None:
-                blobs.append(blob)
-                stamps.append(int(rows.stamps[index]))
-        return join(channel, np.array(stamps, np.int64), blobs)
+            if blob is None:
+                continue
+            blobs.append(blob)
+            kept.append(index)
+            room -= size
+            if room <= 0:
+                yield join(channel, rows.stamps[kept], blobs)
+                blobs, kept, room = [], [], MAX_MESSAGE
+        if kept:
+            yield join(channel, rows.stamps[kept], blobs)
 
     @property
     def problems(self) -> list[str]:
@@ -178,33 +190,68 @@ class SqliteFile:
         return copy
 
 
-def _channels(connection: sqlite3.Connection) -> dict[int, Channel]:
-    tables = {name for (name,) in connection.execute('SELECT name FROM sqlite_master')}
-    if not {'topics', 'messages'} <= tables:
+def _tables(connection: sqlite3.Connection) -> dict[str, int]:
+    """
+    Return the plain tables that a bag has and their first pages.
+
+    What is anything else, such as a view, could compute whatever it likes without end.
+    """
+    query = 'SELECT name, type, rootpage, sql FROM sqlite_master'
+    tables: dict[str, int] = {}
+    for name, kind, page, sql in connection.execute(query):
+        if name not in ('topics', 'messages', 'message_definitions'):
+            continue
+        if kind != 'table' or not isinstance(page, int) or not _TABLE.match(str(sql)):
+            raise sqlite3.DatabaseError(
+                f'"{name}" in it is no plain table; a bag of rosbag2 has nothing else: '
+                'it was not made by a recorder'
+            )
+        if any(row[6] for row in connection.execute(f'PRAGMA table_xinfo({name})')):
+            raise sqlite3.DatabaseError(f'"{name}" in it has computed columns')
+        tables[name] = page
+    if not {'topics', 'messages'} <= tables.keys():
         raise sqlite3.DatabaseError('it has no tables "topics" and "messages"')
+    return tables
+
+
+def _channels(connection: sqlite3.Connection, tables: Collection[str]) -> dict[int, Channel]:
     definitions: dict[str, tuple[str, str]] = {}
     if 'message_definitions' in tables:
         query = 'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
         definitions = {
-            kind: (encoding, text) for kind, encoding, text in connection.execute(query)
+            kind: (encoding, text) for kind, encoding, text in _texts(connection, query)
         }
     query = 'SELECT id, name, type, serialization_format FROM topics ORDER BY id'
     return {
         number: Channel(name, kind, serialization, *definitions.get(kind, ('', '')))
-        for number, name, kind, serialization in connection.execute(query)
+        for number, name, kind, serialization in _texts(connection, query)
     }
 
 
-def _message_root(connection: sqlite3.Connection) -> int:
+def _texts(connection: sqlite3.Connection, query: str) -> Iterator[tuple[Any, ...]]:
+    """Yield rows of text, and maybe a number before it."""
+    room = _MOST_TEXT
+    for row in connection.execute(query):
+        texts = [value for value in row if isinstance(value, str)]
+        if len(texts) < len(row) - isinstance(row[0], int):
+            raise sqlite3.DatabaseError('a name or type in it is no text')
+        room -= sum(map(len, texts)) + _ROW
+        if room < 0:
+            raise sqlite3.DatabaseError(
+                f'its topics have more than {_MOST_TEXT} characters of names and definitions'
+            )
+        yield row
+
+
+def _message_root(connection: sqlite3.Connection, tables: Mapping[str, int]) -> int:
     """Return the page at the root of the messages table."""
     columns = tuple(row[1] for row in connection.execute('PRAGMA table_info(messages)'))
     if columns != COLUMNS:
+        found = printable(', '.join(columns))
         raise sqlite3.DatabaseError(
-            f'the columns of its messages are {", ".join(columns)}, not {", ".join(COLUMNS)}'
+            f'the columns of its messages are {found}, not {", ".join(COLUMNS)}'
         )
-    query = "SELECT rootpage FROM sqlite_master WHERE type = 'table' AND name = 'messages'"
-    root: int = connection.execute(query).fetchone()[0]
-    return root
+    return tables['messages']
 
 
 def _connect(path: Path) -> sqlite3.Connection:
@@ -212,4 +259,6 @@ def _connect(path: Path) -> sqlite3.Connection:
     connection.text_factory = lambda text: text.decode('utf-8', 'replace')
     # a file that was cut off is opened all the same: sqlite.org/pragma.html, writable_schema
     connection.execute('PRAGMA writable_schema = ON')
+    if hasattr(connection, 'setlimit'):  # from Python 3.11
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_TEXT)
     return connection

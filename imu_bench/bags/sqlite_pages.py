@@ -16,6 +16,7 @@ import struct
 from typing import BinaryIO
 
 from imu_bench.bags.buffers import Ints
+from imu_bench.bags.compression import MAX_MESSAGE
 from imu_bench.errors import RecordingError
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +29,9 @@ COLUMNS = ('id', 'topic_id', 'timestamp', 'data')
 _INTERIOR, _LEAF = 0x05, 0x0D
 _LEAF_HEADER = 8
 _INTERIOR_HEADER = 12
-_BATCH = 1024
+_BATCH_BYTES = 1 << 22
+_LEAST_CELL = 11
+"""Bytes of the smallest row: a place in the list of cells, sizes, header and two numbers."""
 _MAX_DEPTH = 20
 _MARGIN = 64
 # bytes of an integer by serial type; types 8 and 9 stand for 0 and 1 (section 2.1)
@@ -38,48 +41,22 @@ _FIRST_BLOB = 12
 
 @dataclass(frozen=True, eq=False)
 class RowBatch:
-    """
-    Rows of the messages table.
+    """Rows of the messages table."""
 
-    Attributes
-    ----------
-    buffer : bytes
-        Holds the data of the rows.
-    topics, stamps : ndarray of int64, shape (n,)
-        Topic ids and receive times.
-    offsets, sizes : ndarray of int64, shape (n,)
-        Where in the buffer the data of each row begins, and how long it is.
-    local : ndarray of int64, shape (n,)
-        How much of it lies there.
-    overflow : ndarray of int64, shape (n,)
-        Page on which the rest lies; 0 if there is none.
-    bad : int
-        Cells, and whole pages, that do not belong to the table.
-    """
-
-    buffer: bytes
+    buffer: bytes  # holds the data of the rows
+    # topics, stamps: topic ids and receive times
     topics: Ints
     stamps: Ints
+    # offsets, sizes: where in the buffer the data of each row begins, and how long it is
     offsets: Ints
     sizes: Ints
-    local: Ints
-    overflow: Ints
-    bad: int
+    local: Ints  # how much of it lies there
+    overflow: Ints  # page on which the rest lies; 0 if there is none
+    bad: int  # cells, and whole pages, that do not belong to the table
 
 
 class Pages:
-    """
-    The pages of an sqlite3 file.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    RecordingError
-        If the header names no valid page size (section 1.3).
-    """
+    """The pages of an sqlite3 file."""
 
     def __init__(self, path: Path) -> None:
         with path.open('rb') as file:
@@ -93,6 +70,12 @@ class Pages:
             raise RecordingError(f'{path}: a page size of {self.size} bytes is not possible')
         self.path = path
         self.count = path.stat().st_size // self.size
+        self._batch = max(1, _BATCH_BYTES // self.size)
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a pass over the rows: each overflow page belongs to one of them."""
+        self._taken = np.zeros(self.count + 1, np.bool_)
 
     def leaves(self, root: int) -> tuple[Ints, bool]:
         """
@@ -104,7 +87,7 @@ class Pages:
             level = np.array([root], np.int64)
             for _ in range(_MAX_DEPTH):
                 # all leaves of a tree lie at one depth, so the first page tells for its level
-                if not ((level > 1) & (level <= self.count)).all():
+                if not ((level > 1) & (level <= self.count)).all() or _repeats(level):
                     break
                 if self._page(file, int(level[0]))[0] == _LEAF:
                     return level, True
@@ -123,9 +106,12 @@ class Pages:
     def continued(self, file: BinaryIO, data: bytes, size: int, page: int) -> bytes | None:
         """Return data whose rest lies on overflow pages (section 1.6), None if it is damaged."""
         parts, missing = [data], size - len(data)
+        if size > MAX_MESSAGE:
+            return None
         while missing > 0:
-            if not 0 < page <= self.count:
+            if not 0 < page <= self.count or self._taken[page]:
                 return None
+            self._taken[page] = True
             content = self._page(file, page)
             (page,) = struct.unpack_from('>I', content)
             part = content[4 : 4 + min(missing, self.usable - 4)]
@@ -153,8 +139,8 @@ class Pages:
     def _scan(self, file: BinaryIO) -> Ints:
         """Return every page that looks like a leaf of a table, ordered by its first row."""
         found: list[tuple[int, int]] = []
-        for start in range(2, self.count + 1, _BATCH):
-            numbers = np.arange(start, min(start + _BATCH, self.count + 1))
+        for start in range(2, self.count + 1, self._batch):
+            numbers = np.arange(start, min(start + self._batch, self.count + 1))
             for buffer, bases in self._batches(file, numbers):
                 data = np.frombuffer(buffer + bytes(_MARGIN), np.uint8)
                 leaf = bases[data[bases] == _LEAF]
@@ -168,10 +154,10 @@ class Pages:
 
     def _batches(self, file: BinaryIO, leaves: Ints) -> Iterator[tuple[bytes, Ints]]:
         """Yield bytes of the file and where in them some pages begin."""
-        for start in range(0, leaves.size, _BATCH):
-            part = leaves[start : start + _BATCH]
+        for start in range(0, leaves.size, self._batch):
+            part = leaves[start : start + self._batch]
             first, last = int(part.min()), int(part.max())
-            if last - first < 2 * _BATCH:
+            if last - first < 2 * self._batch:
                 file.seek((first - 1) * self.size)
                 yield file.read((last - first + 1) * self.size), (part - first) * self.size
             else:
@@ -186,7 +172,7 @@ class Pages:
         leaf = data[bases] == _LEAF
         broken = int((~leaf).sum())
         bases = bases[leaf]
-        counts = np.minimum(_big_endian(data, bases + 3, 2), self.size // 2)
+        counts = np.minimum(_big_endian(data, bases + 3, 2), self.size // _LEAST_CELL)
         base = np.repeat(bases, counts)
         number = np.arange(base.size) - np.repeat(np.cumsum(counts) - counts, counts)
         pointer = base + _LEAF_HEADER + 2 * number
@@ -239,6 +225,10 @@ class Pages:
         fitting = least + (payload - least) % (self.usable - 4)
         spilled = np.where(fitting <= most, fitting, least)
         return np.where(payload <= most, payload, spilled)
+
+
+def _repeats(pages: Ints) -> bool:
+    return np.unique(pages).size < pages.size
 
 
 def _big_endian(data: Bytes, places: Ints, size: int) -> Ints:

@@ -49,13 +49,6 @@ class SqliteWriter:
     distro : str
         Name of the ROS distribution.
 
-    Attributes
-    ----------
-    stored : Counter
-        Messages on disk by topic.
-    first_ns, last_ns : int
-        Earliest and latest receive time on disk.
-
     Raises
     ------
     sqlite3.Error, OSError
@@ -69,7 +62,8 @@ class SqliteWriter:
         self.path = path
         self._topics: dict[str, int] = {}
         self._types: set[str] = set()
-        self.stored: Counter[str] = Counter()
+        self.stored: Counter[str] = Counter()  # messages on disk by topic
+        # first_ns, last_ns: earliest and latest receive time on disk
         self.first_ns, self.last_ns = NEVER, 0
         self._pending: Counter[str] = Counter()
         self._first, self._last = NEVER, 0

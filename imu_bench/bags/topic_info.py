@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from imu_bench.errors import needed
 import yaml
 
 INFINITE_NS = 2**63 - 1
@@ -53,26 +54,15 @@ class OfferedQos:
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """
-    A topic to record.
+    """A topic to record."""
 
-    Attributes
-    ----------
-    name, type : str
-        Such as '/bench/mpu9250/imu/data_raw' and 'sensor_msgs/msg/Imu'.
-    definition : str
-        Text of the message definition with everything it refers to; may be empty.
-    type_hash : str
-        'RIHS01_...': REP-2016.
-    qos : tuple of OfferedQos
-        One per publisher.
-    """
-
+    # name, type: such as '/bench/mpu9250/imu/data_raw' and 'sensor_msgs/msg/Imu'
     name: str
     type: str
+    # text of the message definition with everything it refers to; may be empty
     definition: str = ''
-    type_hash: str = ''
-    qos: tuple[OfferedQos, ...] = ()
+    type_hash: str = ''  # 'RIHS01_...': REP-2016
+    qos: tuple[OfferedQos, ...] = ()  # one per publisher
 
     def qos_text(self) -> str:
         """Return the QoS as the storage files hold it: YAML in a string."""
@@ -110,7 +100,8 @@ def qos_text(profiles: Sequence[OfferedQos]) -> str:
 def _definition(kind: str) -> tuple[str, str]:
     """Return definition and hash of a type of Jazzy, empty if it is none."""
     # imported late: reading bags does not need it
-    from rosbags.typesys import get_typestore, Stores
+    with needed('rosbags', 'a bag with the definitions of its types'):
+        from rosbags.typesys import get_typestore, Stores
 
     store = get_typestore(Stores.ROS2_JAZZY)
     if kind not in store.fielddefs:

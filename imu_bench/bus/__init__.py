@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How bytes reach a chip: the only place that knows smbus2, periphery and pyserial."""
+"""How bytes reach a chip: the only place that knows smbus2, periphery, pyserial, daqhats."""

@@ -26,7 +26,6 @@ class AuxiliaryBus:
     ----------
     main : RegisterBus
         The chip whose master is used; its I2C_MST_EN bit is set.
-    clock : Clock
     address : int
         I²C address behind the master.
     timeout_s : float
@@ -55,13 +54,35 @@ class AuxiliaryBus:
         """Leave the main chip's bus open: it belongs to the main chip."""
 
     def _transfer(self, address: int, register: int, byte: int) -> int:
-        self._main.read(_STATUS, 1)  # reading empties it
-        self._main.write(_ADDR, bytes([address, register, byte, _ENABLE]))
-        deadline = self._clock.now_ns() + round(self._timeout_s * 1e9)
-        while not (status := self._main.read(_STATUS, 1)[0]) & _DONE:
-            if self._clock.now_ns() >= deadline:
-                raise BusBusy(f'{self.name}: register 0x{register:02X} took too long')
-            self._clock.sleep(1e-3)
+        self._read(_STATUS)  # reading empties it
+        command = bytes([address, register, byte, _ENABLE])
+        try:
+            self._main.write(_ADDR, command)
+        except NoAnswer:  # the status says whether it was taken
+            status = self._done()
+            if not status:
+                self._main.write(_ADDR, command)
+                status = self._done()
+        else:
+            status = self._done()
+        if not status:
+            raise BusBusy(f'{self.name}: register 0x{register:02X} took too long')
         if status & _NO_ANSWER:
             raise NoAnswer(f'{self.name}: nothing answers behind the auxiliary bus')
-        return self._main.read(_DI, 1)[0]
+        return self._read(_DI)
+
+    def _done(self) -> int:
+        """Return the status when the transfer is done, 0 if it was not in time."""
+        deadline = self._clock.now_ns() + round(self._timeout_s * 1e9)
+        while not (status := self._read(_STATUS)) & _DONE:
+            if self._clock.now_ns() >= deadline:
+                return 0
+            self._clock.sleep(1e-3)
+        return status
+
+    def _read(self, register: int) -> int:
+        """Return a byte of the main chip, which may be busy once."""
+        try:
+            return self._main.read(register, 1)[0]
+        except NoAnswer:
+            return self._main.read(register, 1)[0]

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from imu_bench.bus.interface import RegisterBus
-from imu_bench.errors import BusError
+from imu_bench.errors import BusError, NoAnswer
 
 
 class BankedBus:
@@ -15,7 +15,6 @@ class BankedBus:
 
     Parameters
     ----------
-    bus : RegisterBus
     select : int
         The register that takes the bank number.
 
@@ -58,9 +57,17 @@ class BankedBus:
         bank = (register >> 8) - 1
         if bank not in (-1, self._bank):
             try:
-                self._bus.write(self._select, bytes([bank]))
+                self._choose(bank)
             except BusError:
                 self.forget()
                 raise
             self._bank = bank
         return register & 0xFF
+
+    def _choose(self, bank: int) -> None:
+        """Select a bank; one that was taken without an acknowledge is selected too."""
+        try:
+            self._bus.write(self._select, bytes([bank]))
+        except NoAnswer:
+            if self._bus.read(self._select, 1)[0] != bank:
+                raise

@@ -37,22 +37,6 @@ def claim(fd: int, place: int, where: str, patience_s: float = PATIENCE_S) -> No
 
     An open file description lock on one byte of the device file (fcntl(2), F_OFD_SETLK).
     Nothing happens if it is taken already.
-
-    Parameters
-    ----------
-    fd : int
-        The device file, open for writing.
-    place : int
-        Which chip: the address on I²C, 0 where a device file is one chip.
-    where : str
-        Device and address, for the error.
-    patience_s : float
-        How long to wait for somebody else.
-
-    Raises
-    ------
-    ChipInUse
-        If somebody else has it for longer, with the process where it can be told.
     """
     request = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, place, 1, 0)
     deadline = time.monotonic() + patience_s

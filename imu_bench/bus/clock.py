@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import time
 
-from imu_bench.errors import ConfigError
+from imu_bench.bus.interface import Clock
 
 
-class SystemClock:
+class SystemClock(Clock):
     """
     Time since the epoch that never steps.
 
@@ -35,16 +35,3 @@ class SystemClock:
         """Return at `deadline_ns`, or at once when that has passed."""
         while (left := deadline_ns - self.now_ns()) > 0:
             time.sleep(left * 1e-9)
-
-    def sleep(self, seconds: float) -> None:
-        """
-        Let `seconds` pass.
-
-        Raises
-        ------
-        ConfigError
-            If the time is negative.
-        """
-        if seconds < 0:
-            raise ConfigError(f'cannot sleep for {seconds} s')
-        time.sleep(seconds)

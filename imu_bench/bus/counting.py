@@ -15,7 +15,6 @@ class CountingBus:
 
     Parameters
     ----------
-    bus : RegisterBus
     counters : Counter
         Receives one count per failed transfer.
     """

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from imu_bench.bus.failures import hardware_library
+from imu_bench.bus.failures import library_of
 from imu_bench.bus.interface import Scan
 from imu_bench.errors import BusBusy, BusError, ConfigError, NoAnswer
 import numpy as np
@@ -23,28 +23,16 @@ _T = TypeVar('_T')
 
 
 class DaqHat:
-    """
-    A DaqBoard.
-
-    Parameters
-    ----------
-    device : str
-        'daqhat-0' for the board at address 0; there are eight.
-
-    Raises
-    ------
-    ConfigError
-        If daqhats or its C library is not installed, or there is no such address.
-    NoAnswer
-        If there is no such board.
-    """
+    """A DaqBoard."""
 
     def __init__(self, device: str) -> None:
         self.name = device
         number = device.rpartition('-')[2]
         if number not in tuple('01234567'):
             raise ConfigError(f'bus {device!r} is not known; boards are daqhat-0 to daqhat-7')
-        self._library: Any = hardware_library('daqhats', 'daqhats')
+        with library_of('daqhats'):
+            import daqhats
+        self._library: Any = daqhats
         self._error: type[Exception] = self._library.HatError
         self._rate_hz = 0.0
         try:
@@ -93,11 +81,20 @@ class DaqHat:
         depth = round(BUFFER_S * self._rate_hz)
         self._asked(self._board.a_in_scan_start, 1 << channel, depth, options)
 
-    def scan(self) -> Scan:
-        """Return what has been converted since the last call; does not wait."""
+    def scan(self, wait_s: float = 0.0) -> Scan:
+        """
+        Return what has been converted since the last call, waiting so long for some.
+
+        The library takes blocks from the board, each at once: after the first sample of one the
+        rest is there.
+        """
+        first = np.empty(0)
         found = self._asked(self._board.a_in_scan_read_numpy, -1, 0.0)
+        if wait_s > 0 and not len(found.data) and found.running:
+            first = self._asked(self._board.a_in_scan_read_numpy, 1, wait_s).data
+            found = self._asked(self._board.a_in_scan_read_numpy, -1, 0.0)
         return Scan(
-            np.asarray(found.data, dtype=np.float64),
+            np.concatenate([first, found.data]).astype(np.float64),
             bool(found.running),
             bool(found.hardware_overrun),
             bool(found.buffer_overrun),

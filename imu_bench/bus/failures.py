@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import errno
-from importlib import import_module
-from types import ModuleType
 
 from imu_bench.errors import BusBusy, BusError, ConfigError, NoAnswer, PermissionDenied
 
@@ -32,26 +32,7 @@ GONE = (errno.ENODEV, errno.ESHUTDOWN)
 
 
 def translate(error: OSError, where: str, *, group: str, enable: str) -> BusError:
-    """
-    Return the bus error for an error of the operating system.
-
-    Parameters
-    ----------
-    error : OSError
-    where : str
-        Device and address.
-    group : str
-        Unix group whose members may open the device.
-    enable : str
-        How the device file comes into being when it is not there.
-
-    Examples
-    --------
-    >>> import errno
-    >>> problem = OSError(errno.EREMOTEIO, 'Remote I/O error')
-    >>> print(translate(problem, '/dev/i2c-1 0x68', group='i2c', enable=''))
-    /dev/i2c-1 0x68: nothing answers; check power, wiring and address (Remote I/O error)
-    """
+    """Return the bus error for an error of the operating system."""
     kind, advice = _KINDS.get(error.errno or 0, (BusError, 'the transfer failed'))
     if kind is PermissionDenied:
         advice = f'this user may not open it; "sudo usermod -aG {group} $USER", then log in again'
@@ -60,17 +41,15 @@ def translate(error: OSError, where: str, *, group: str, enable: str) -> BusErro
     return kind(f'{where}: {advice} ({error.strerror or error})')
 
 
-def hardware_library(module: str, package: str) -> ModuleType:
+@contextmanager
+def library_of(package: str) -> Iterator[None]:
     """
-    Return a hardware library, imported when a device is opened and not before.
+    Say which package to install when the import of a hardware library inside fails.
 
-    Raises
-    ------
-    ConfigError
-        If it is not installed.
+    A library is imported when a device is opened and not before.
     """
     try:
-        return import_module(module)
+        yield
     except ImportError as error:
         raise ConfigError(
             f'{package} is needed to open this bus and cannot be imported ({error}); '

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from imu_bench.bus.claim import claim, PATIENCE_S
-from imu_bench.bus.failures import GONE, hardware_library, translate
+from imu_bench.bus.failures import GONE, library_of, translate
 from imu_bench.bus.wiring import Wiring
 from imu_bench.errors import BusError
 
@@ -52,8 +52,10 @@ class I2cBus:
         self._address = address
         self._increment = wiring.i2c_increment
         self._patience_s = patience_s
-        self._library = hardware_library('smbus2', 'smbus2')
-        self._message: Any = self._library.i2c_msg
+        with library_of('smbus2'):
+            import smbus2
+        self._library: Any = smbus2
+        self._message: Any = smbus2.i2c_msg
         self._bus: Any = None
         self._claimed = False
         self._opened()

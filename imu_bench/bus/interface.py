@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a driver may ask of the outside world: three kinds of wire, a board, and a clock."""
+"""What a driver may ask of the outside world: three kinds of wire, a line, a board, a clock."""
 
 from __future__ import annotations
 
 from typing import NamedTuple, Protocol, runtime_checkable
 
+from imu_bench.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
+
+DATA_READY, RESET_LINE = LINES = ('data_ready', 'reset_line')
+"""Among the buses of a sensor, the line that says when it has data, and that which resets it."""
 
 
 class Clock(Protocol):
@@ -21,8 +25,10 @@ class Clock(Protocol):
         ...
 
     def sleep(self, seconds: float) -> None:
-        """Let `seconds` pass."""
-        ...
+        """Let `seconds` pass; raises ConfigError if that is less than nothing."""
+        if seconds < 0:
+            raise ConfigError(f'cannot sleep for {seconds} s')
+        self.sleep_until(self.now_ns() + round(seconds * 1e9))
 
 
 class RegisterBus(Protocol):
@@ -79,6 +85,34 @@ class ByteStream(Protocol):
         ...
 
 
+class EdgeLine(Protocol):
+    """A line that rises when a chip has data."""
+
+    name: str
+
+    def edges(self) -> list[int]:
+        """Return when it rose since the last call, ns of the bench's clock; does not wait."""
+        ...
+
+    def close(self) -> None:
+        """Release the line."""
+        ...
+
+
+class OutputLine(Protocol):
+    """A line that drives a pin of a chip."""
+
+    name: str
+
+    def drive(self, high: bool) -> None:
+        """Set the level."""
+        ...
+
+    def close(self) -> None:
+        """Release the line."""
+        ...
+
+
 class Scan(NamedTuple):
     """What a board has converted since it was asked last: codes, shape (n,), and its flags."""
 
@@ -117,8 +151,8 @@ class DaqBoard(Protocol):
         """Convert one channel until stopped."""
         ...
 
-    def scan(self) -> Scan:
-        """Return what has been converted since the last call; does not wait."""
+    def scan(self, wait_s: float = 0.0) -> Scan:
+        """Return what has been converted since the last call, waiting so long for some."""
         ...
 
     def stop(self) -> None:

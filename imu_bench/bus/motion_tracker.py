@@ -22,7 +22,6 @@ class MotionTracker:
 
     Parameters
     ----------
-    port : XbusPort
     baud : int
         Speed to which a device on a serial line is brought; 0 on USB.
     """

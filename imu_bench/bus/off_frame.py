@@ -24,7 +24,6 @@ class OffFrameBus:
 
     Parameters
     ----------
-    frames : FrameBus
     counters : Counter
         Counts 'crc_errors' and 'frame_errors'.
 

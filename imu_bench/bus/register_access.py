@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from imu_bench.bus.interface import Clock, RegisterBus
-from imu_bench.errors import BusError, ConfigError, NotReady
+from imu_bench.errors import BusError, ConfigError, NoAnswer, NotReady
 from imu_bench.registers import (
     Assignments,
     check_value,
@@ -18,6 +18,9 @@ from imu_bench.registers import (
     Wait,
     Write,
 )
+
+CLEARED_S = 1.0
+"""So long a chip is given to clear a bit that it clears by itself; ten times what any needs."""
 
 
 class Registers:
@@ -31,7 +34,6 @@ class Registers:
     ----------
     buses : mapping of part name to RegisterBus
         The main die is ''.
-    clock : Clock
     """
 
     def __init__(self, buses: Mapping[str, RegisterBus], clock: Clock) -> None:
@@ -59,8 +61,18 @@ class Registers:
         return b''.join(bus.read(register.number + k, 1) for k in range(register.size))
 
     def word(self, register: Register) -> int:
-        """Return the word a register holds."""
-        return register.unpack(self.burst(register))
+        """
+        Return the word a register holds.
+
+        What is not acknowledged is asked for once more, because some chips are busy now and then
+        (BNO055): of a register that loses nothing by it.
+        """
+        try:
+            return register.unpack(self.burst(register))
+        except NoAnswer:
+            if register.clear_on_read:
+                raise
+            return register.unpack(self.burst(register))
 
     def read(self, field: Field) -> Value:
         """Return the value of a field."""
@@ -73,10 +85,16 @@ class Registers:
         Bits that belong to none of the fields given keep what the chip holds, because
         documents ask for reserved bits to be left alone.
 
+        A write may take effect and not be acknowledged: some change the interface itself, and a
+        reset cuts its own acknowledge.  What can be read back is, and what was not taken is
+        written once more; of a reset, the steps that follow find out whether the chip is there.
+
         Raises
         ------
         ConfigError
             If a register is read only or a value is not allowed; nothing is written then.
+        NoAnswer
+            If a write was not acknowledged and the register does not hold it.
         """
         planned = [
             (register, self._base(register, group), group)
@@ -86,7 +104,21 @@ class Registers:
             word = self.word(register) if base is None else base
             for target, value in group.items():
                 word = target.insert(word, value) if isinstance(target, Field) else int(value)
-            self._bus(register).write(register.number, register.pack(word))
+            try:
+                self._bus(register).write(register.number, register.pack(word))
+            except NoAnswer:
+                if not self._was_taken(register, word, group):
+                    self._bus(register).write(register.number, register.pack(word))
+
+    def _was_taken(self, register: Register, word: int, group: Assignments) -> bool:
+        """Return whether a write that was not acknowledged may have had its effect."""
+        cleared = sum(f.mask for f in group if isinstance(f, Field) and f.self_clearing)
+        if register.access == 'wo' or word & cleared:
+            return True
+        try:
+            return self.word(register) == word
+        except BusError:
+            return False  # nobody is there
 
     def verify(self, values: Assignments) -> None:
         """
@@ -119,31 +151,58 @@ class Registers:
                     )
         return ''
 
-    def run(self, steps: Sequence) -> None:
+    def run(self, steps: Sequence, *, until_cleared: bool = False) -> None:
         """
         Do a declared sequence.
+
+        With `until_cleared`, for resets, a wait behind a write of bits that the chip clears by
+        itself goes on until it did: a chip may be slower than its document.
 
         Raises
         ------
         NotReady
             If a field does not reach its value in time.
         """
+        clearing: list[Field] = []
         for step in steps:
             if isinstance(step, Write):
                 self.write(step.values)
+                fields = [target for target in step.values if isinstance(target, Field)]
+                clearing = [field for field in fields if field.self_clearing and until_cleared]
             elif isinstance(step, Wait):
                 self._clock.sleep(step.seconds)
+                self._wait_until_cleared(clearing)
             else:
                 self._wait_for(step)
 
+    def _wait_until_cleared(self, fields: list[Field]) -> None:
+        for field in fields:
+            register = field.register
+            if register.access == 'wo':
+                continue
+            try:
+                self._wait_for(Until(field, 0, CLEARED_S))
+            except NotReady:
+                # ones alone: nobody drives the line, as the check of the identity says better
+                if self.word(register) != (1 << 8 * register.size) - 1:
+                    raise
+
     def _wait_for(self, step: Until) -> None:
         deadline = self._clock.now_ns() + round(step.timeout_s * 1e9)
-        while (found := self.read(step.field)) != step.value:
-            if self._clock.now_ns() >= deadline:
-                raise NotReady(
-                    f'{self._bus(step.field.register).name}: {step.field} is {found!r} after '
-                    f'{step.timeout_s:g} s instead of {step.value!r}'
-                )
+        while True:
+            late = self._clock.now_ns() >= deadline
+            try:
+                if (found := self.read(step.field)) == step.value:
+                    return
+            except NoAnswer:  # a chip that starts does not answer yet
+                if late:
+                    raise
+            else:
+                if late:
+                    raise NotReady(
+                        f'{self._bus(step.field.register).name}: {step.field} is {found!r} after '
+                        f'{step.timeout_s:g} s instead of {step.value!r}'
+                    )
             self._clock.sleep(step.period_s)
 
     def _bus(self, register: Register) -> RegisterBus:

@@ -9,7 +9,6 @@ and so is a script that was not played to its end.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from types import TracebackType
 
 from imu_bench.errors import BusError, FrameError
 
@@ -57,12 +56,7 @@ class _Script:
     def __enter__(self) -> _Script:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.finish()
 

@@ -7,7 +7,7 @@ import errno
 import os
 from typing import Any
 
-from imu_bench.bus.failures import hardware_library, translate
+from imu_bench.bus.failures import library_of, translate
 from imu_bench.errors import BusError
 
 _ENABLE = (
@@ -22,24 +22,13 @@ class SerialPort:
 
     A line that failed is opened again when it is used next: a USB plug that was pulled and
     put back is another device under the same name.
-
-    Parameters
-    ----------
-    path : str
-        Such as '/dev/ttyUSB0'.
-    baud : int
-
-    Raises
-    ------
-    ConfigError
-        If pyserial is not installed.
-    BusError
-        If the device cannot be opened, with what to do.
     """
 
     def __init__(self, path: str, baud: int) -> None:
         self.name = path
-        self._library = hardware_library('serial', 'pyserial')
+        with library_of('pyserial'):
+            import serial
+        self._library: Any = serial
         self._baud = baud
         self._port: Any = None
         self._was_there = False

@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
+from imu_bench.bus.edges import Edge, Edges
 from imu_bench.bus.interface import Clock
 from imu_bench.bus.register_access import Registers
 from imu_bench.errors import BusError
@@ -28,25 +29,17 @@ datasheet, page 19, on stream mode); whether a relative does is not always said.
 
 @dataclass(frozen=True)
 class Slots:
-    """
-    What was taken out of a FIFO.
+    """What was taken out of a FIFO."""
 
-    Attributes
-    ----------
-    words : structured ndarray, shape (n,)
-        By the frame of a slot.
-    stamps : ndarray of int64, shape (n,)
-        First guess, ns: nominal periods back from the time at which the level was read.
-    overrun : bool
-        The chip says that it ran over.
-    gap : bool
-        Samples may have been lost before the first of these; always so after an overrun.
-    """
-
-    words: npt.NDArray[Any]
+    words: npt.NDArray[Any]  # by the frame of a slot
+    # first guess, ns: nominal periods back from the time at which the level was read
     stamps: npt.NDArray[np.int64]
-    overrun: bool = False
+    overrun: bool = False  # the chip says that it ran over
+    # samples may have been lost before the first of these; always so after an overrun
     gap: bool = False
+    latch_ns: int = 0  # so long took reading the level
+    # when one of them was measured, counted back from the last, by the data-ready line
+    edge: Edge | None = None
 
 
 class SlotFifo:
@@ -55,8 +48,6 @@ class SlotFifo:
 
     Parameters
     ----------
-    registers : Registers
-    clock : Clock
     counters : Counter
         Receives 'bus_errors' when the level is impossible.
     control : Register
@@ -73,13 +64,8 @@ class SlotFifo:
         Slots.
     rate_hz : float
         Nominal.
-
-    Attributes
-    ----------
-    torn : bool
-        A burst broke off: nobody knows what is left, so the stream has to start anew.
-    skip : int
-        So many slots are still thrown away: samples of a chip that has just been turned on.
+    edges : Edges, optional
+        A line that rises when the level reaches a watermark.
     """
 
     def __init__(
@@ -96,14 +82,21 @@ class SlotFifo:
         frame: Frame,
         depth: int,
         rate_hz: float,
+        edges: Edges | None = None,
     ) -> None:
+        # a burst broke off: nobody knows what is left, so the stream has to start anew
         self.torn = False
+        # so many slots are still thrown away: samples of a chip that has just been turned on
         self.skip = 0
+        # the parts of a slot, each read by itself, where no burst goes on from slot to slot
+        self.apart: tuple[Register, ...] = ()
         self._registers = registers
         self._clock = clock
         self._counters = counters
         self._control = control
         self._running = running
+        self._edges = edges
+        self.watermark = 0  # that level, in the lowest bits of `control`; 0 without a line
         self._level = level
         self._overrun = overrun
         self._first = first
@@ -118,6 +111,17 @@ class SlotFifo:
         self.torn = False
         self.skip = max(self.skip, 1)
 
+    def rise_at(self, watermark: int) -> None:
+        """Take note of the level at which the line is to rise."""
+        self._running |= watermark
+        self.watermark = watermark
+
+    def slots(self, count: int) -> bytes:
+        """Return the bytes of so many slots."""
+        if not self.apart:
+            return self._registers.burst(self._first, count * self._frame.size)
+        return b''.join(self._registers.burst(part) for _ in range(count) for part in self.apart)
+
     def take(self) -> Slots | None:
         """
         Return what is in it but for the newest, None if it is not in the mode it was set to.
@@ -129,7 +133,8 @@ class SlotFifo:
         """
         before = self._clock.now_ns()
         control, source = self._registers.burst(self._control, 2)
-        latched = (before + self._clock.now_ns()) // 2
+        after = self._clock.now_ns()
+        latched = (before + after) // 2
         level = (source & self._level.mask) >> self._level.low
         if level > self._depth:
             self._counters['bus_errors'] += 1
@@ -139,11 +144,14 @@ class SlotFifo:
             )
         if control != self._running:
             return None
+        edge = None
+        if self._edges is not None:
+            edge = self._edges.reached(level, before, after, 1e9 / self._rate_hz)
         taken = max(level - KEPT, 0)
         if not taken:
-            return Slots(self._frame.unpack(b''), self._ages[:0])
+            return Slots(self._frame.unpack(b''), self._ages[:0], latch_ns=after - before)
         self.torn = True
-        data = self._registers.burst(self._first, taken * self._frame.size)
+        data = self.slots(taken)
         # a chip that lost its supply meanwhile has answered with something else
         if self._registers.word(self._control) != self._running:
             return None
@@ -158,4 +166,10 @@ class SlotFifo:
         skipped = min(self.skip, taken)
         self.skip -= skipped
         words = self._frame.unpack(data)
-        return Slots(words[skipped:], stamps[skipped:], overrun, gap)
+        if self._edges is not None:
+            self._edges.drained(end)
+        if gap or len(words) == skipped:
+            edge = None
+        elif edge is not None:
+            edge = edge._replace(back=edge.back - (level - taken))
+        return Slots(words[skipped:], stamps[skipped:], overrun, gap, after - before, edge)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from imu_bench.bus.claim import claim, PATIENCE_S
-from imu_bench.bus.failures import GONE, hardware_library, translate
+from imu_bench.bus.failures import GONE, library_of, translate
 from imu_bench.bus.interface import FrameBus
 from imu_bench.bus.wiring import Wiring
 from imu_bench.errors import BusError
@@ -45,7 +45,9 @@ class SpiFrameBus:
         self.name = path
         self._wiring = wiring
         self._patience_s = patience_s
-        self._library = hardware_library('periphery', 'python-periphery')
+        with library_of('python-periphery'):
+            import periphery
+        self._library: Any = periphery
         self._device: Any = None
         self._claimed = False
         self._opened()
@@ -73,7 +75,7 @@ class SpiFrameBus:
         if self._device is None:
             wiring = self._wiring
             try:
-                self._device = self._library.SPI(self.name, wiring.spi_mode, wiring.spi_max_hz)
+                self._device = self._library.SPI(self.name, wiring.spi_mode, wiring.spi_clock_hz)
             except OSError as error:
                 raise self._failure(error) from error
         return self._device
@@ -88,7 +90,6 @@ class SpiRegisterBus:
 
     Parameters
     ----------
-    frames : FrameBus
     wiring : Wiring
         Says which bits a read and a burst need in the first byte.
 

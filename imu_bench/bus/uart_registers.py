@@ -26,17 +26,10 @@ class UartRegisters:
 
     Parameters
     ----------
-    line : ByteStream
-    clock : Clock
     counters : Counter
         Counts 'uart_errors' before they are retried, and 'garbage_bytes'.
     silent : collection of int
         Registers after whose write the chip may say nothing, because it resets.
-
-    Attributes
-    ----------
-    asked_ns : int
-        When the last command was begun, after the pause and whatever failed before it.
 
     Examples
     --------
@@ -60,6 +53,7 @@ class UartRegisters:
         self._clock = clock
         self._counters = counters
         self._decoder = bosch_uart.Decoder()
+        # when the last command was begun, after the pause and whatever failed before it
         self.asked_ns = self._heard_ns = 0
 
     def read(self, register: int, length: int) -> bytes:

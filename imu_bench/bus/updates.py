@@ -58,31 +58,16 @@ BEST_TOLERANCE = 5e-4
 
 
 class Look(NamedTuple):
-    """
-    What a look at the registers has found.
+    """What a look at the registers has found."""
 
-    Attributes
-    ----------
-    rows : ndarray, shape (n,)
-        Samples that were not taken before; none if nothing is new.
-    stamps : ndarray of int64, shape (n,)
-        First guess in ns: the newest was there in the middle of the reading.
-    repeated : int
-        How many of them were seen at looks before and had the words of the one before them.
-    skipped : int
-        Samples before them that came and went between two looks.
-    lost_track : bool
-        Some came and went before them, and how many is not certain.
-    undated : bool
-        The stamps are uncertain by half a period, and `skipped` is not known.
-    """
-
-    rows: npt.NDArray[Any]
+    rows: npt.NDArray[Any]  # samples that were not taken before; none if nothing is new
+    # first guess in ns: the newest was there in the middle of the reading
     stamps: npt.NDArray[np.int64]
+    # how many of them were seen at looks before and had the words of the one before them
     repeated: int = 0
-    skipped: int = 0
-    lost_track: bool = False
-    undated: bool = False
+    skipped: int = 0  # samples before them that came and went between two looks
+    lost_track: bool = False  # some came and went before them, and how many is not certain
+    undated: bool = False  # the stamps are uncertain by half a period, and `skipped` is not known
 
 
 class Updates:
@@ -322,5 +307,7 @@ class Updates:
     def _found(
         self, rows: npt.NDArray[Any], middle_ns: int, repeated: int = 0, skipped: int = 0
     ) -> Look:
+        if len(rows) == 1:
+            return Look(rows, np.array([middle_ns]), repeated, skipped)
         ages = np.arange(len(rows) - 1, -1, -1) * self._period
         return Look(rows, middle_ns - np.rint(ages).astype(np.int64), repeated, skipped)

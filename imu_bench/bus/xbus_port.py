@@ -19,8 +19,6 @@ class XbusPort:
 
     Parameters
     ----------
-    line : ByteStream
-    clock : Clock
     counters : Counter
         Counts 'bus_errors' (failed transfers, wrong checksums), 'checksum_errors',
         'garbage_bytes', 'device_errors', and as 'brown_outs' devices that wake up unasked.
@@ -80,25 +78,7 @@ class XbusPort:
     def request(
         self, mid: Mid, data: bytes = b'', *, timeout_s: float = 0.5, tries: int = 1
     ) -> bytes:
-        """
-        Return the data with which the device acknowledges; what arrives before is dropped.
-
-        Parameters
-        ----------
-        mid : Mid
-        data : bytes
-        timeout_s : float
-            For each try.
-        tries : int
-            A request may get lost while the device streams (LLCP section 5).
-
-        Raises
-        ------
-        NoAnswer
-            If no acknowledge comes.
-        BusError
-            If the device answers with an error.
-        """
+        """Return the data with which the device acknowledges; what arrives before is dropped."""
         for _ in range(tries):
             self.send(mid, data)
             deadline = self._clock.now_ns() + round(timeout_s * 1e9)

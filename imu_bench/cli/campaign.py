@@ -8,12 +8,13 @@ from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
-from imu_bench.cli.main import complain, DONE, FAULT
-from imu_bench.errors import BenchError, ConfigError
+from imu_bench.errors import BenchError, ConfigError, RecordingError
+from imu_bench.terminal.words import complain, DONE, FAULT
 
 if TYPE_CHECKING:
     from imu_bench.config import BenchConfig
-    from imu_bench.config.campaign import BenchTest
+    from imu_bench.config.campaign import BenchTest, Run
+    from imu_bench.offline.presentation.pages import Chapter
 
 _DESCRIPTION = """\
 Runs the tests that a bench lists: simulates every run that is not there yet, analyses the runs of
@@ -60,20 +61,21 @@ def run(arguments: argparse.Namespace) -> int:
         return DONE
     if arguments.output is None:
         raise ConfigError('where to? Name a folder with -o DIR')
-    from imu_bench.cli.campaign_runs import conduct
-    from imu_bench.offline.report.campaign_page import Chapter, write
+    from imu_bench.offline.presentation.pages import Chapter, write_campaign
 
     arguments.output.mkdir(parents=True, exist_ok=True)
     chapters: list[Chapter] = []
     for test in tests:
         print(f'{test.name}: {test.title or ", ".join(test.scenarios)}')
+        if test.form:
+            print(f'  short form: {test.form}')
         try:
-            chapters.append(conduct(config, test, arguments))
+            chapters.append(_conduct(config, test, arguments))
         except BenchError as error:
             complain(f'test {test.name}: {error}')
             chapters.append(Chapter(test.name, test.title, test.plan, failure=str(error)))
     index = arguments.output / 'index.html'
-    write(config.title or config.name, chapters, index)
+    write_campaign(config.title or config.name, chapters, index)
     print(f'wrote {index}')
     return FAULT if any(chapter.failed for chapter in chapters) else DONE
 
@@ -100,3 +102,60 @@ def _show(config: BenchConfig, tests: list[BenchTest], arguments: argparse.Names
     left = [t.name for t in config.tests if t.on_request and t.name not in arguments.test]
     if left and not arguments.test:
         print(f'only with --test: {", ".join(left)}', file=sys.stderr)
+
+
+def _conduct(config: BenchConfig, test: BenchTest, arguments: argparse.Namespace) -> Chapter:
+    """Run one test and write its results."""
+    from imu_bench import bench
+    from imu_bench.offline import plans
+    from imu_bench.offline.presentation.pages import Chapter
+    from imu_bench.offline.recordings import find_recordings
+    from imu_bench.terminal.working import run_test_plan
+
+    config = bench.as_tested(config, test)
+    # a setting that is wrong shall not be found after hours of simulation
+    plans.load(test.plan)(test.settings, reference=test.reference)
+    folder = arguments.output / test.name
+    wanted = list(test.runs(arguments.seed))
+    missing = [run for run in wanted if not (folder / run.name).exists()]
+    if missing and arguments.recorded:
+        names = ', '.join(str(folder / run.name) for run in missing[:3])
+        raise RecordingError(
+            f'{len(missing)} of {len(wanted)} runs are missing, such as {names}: record them '
+            'there, or leave out --recorded'
+        )
+    storage = arguments.storage or test.storage or config.recorder.storage
+    _simulate(config, test, missing, folder, storage)
+    paths = [path for run in wanted for path in find_recordings(folder / run.name)]
+    result = run_test_plan(test, paths, folder, arguments.jobs)
+    for sentence in result.summary:
+        print(f'  {sentence}')
+    return Chapter(
+        test.name, test.title, test.plan, result, f'{test.name}/report.html', len(wanted)
+    )
+
+
+def _simulate(
+    config: BenchConfig, test: BenchTest, missing: list[Run], folder: Path, storage: str
+) -> None:
+    """Write the runs; one that is broken off leaves nothing that looks finished."""
+    from imu_bench import bench
+    from imu_bench.offline.whole_files import whole_folder
+    from imu_bench.simulation import recording
+    from imu_bench.simulation.scenario import load_scenario
+    from imu_bench.terminal.progress import Bar
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write = recording.writer(storage)
+    with Bar() as bar:
+        for number, run in enumerate(missing, 1):
+            step = bar.phase(f'{test.name}: simulating run {number} of {len(missing)}')
+            scenario = load_scenario(run.scenario, seed=run.seed, overrides=run.overrides)
+            length = test.duration_s or scenario.duration_s
+            if length is None:
+                raise ConfigError(
+                    f'test {test.name}: scenario {run.scenario} has no end; give a duration'
+                )
+            sensors = [bench.simulate(one, scenario, run=run.seed) for one in config.sensors]
+            with whole_folder(folder / run.name) as draft:
+                write(draft, sensors, scenario, length, run=run.seed, progress=step)

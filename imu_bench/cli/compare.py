@@ -4,30 +4,22 @@
 from __future__ import annotations
 
 import argparse
-import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imu_bench.cli.main import DONE
-from imu_bench.cli.outputs import check_outputs
+from imu_bench.terminal.arguments import check_outputs
+from imu_bench.terminal.words import DONE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from imu_bench.offline.across import Across
-    from imu_bench.offline.across_text import Row
+    from imu_bench.offline.comparing.runs import RunComparison
+    from imu_bench.offline.presentation.tables import Table
     from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
 
 _DESCRIPTION = """\
 Compares results of `imu-bench analyze --json` of the same sensors, or of one sensor each, with the
 first one: bias, sigma, noise density, bias instability and random walk of every axis, as ratio and
 as difference against the combined uncertainty."""
-
-_COLOURS = {'higher': 'yellow', 'lower': 'yellow', 'undecided': 'dim', 'same': ''}
-_WIDE = ('axis', 'parameter', 'reference', 'value', 'difference', 'ratio', 'e_n', 'verdict')
-_NARROW = ('axis', 'parameter', 'change', 'verdict')
 
 
 def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -46,96 +38,60 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def run(arguments: argparse.Namespace) -> int:
     """Compare the results and return the exit code."""
     # imported here: help must not wait for scipy
-    from imu_bench.cli.table import console
-    from imu_bench.offline import results
-    from imu_bench.offline.across import compare_runs, named
-    from imu_bench.offline.report import runs_page
-    from imu_bench.offline.whole_files import write_text
+    from imu_bench import offline
+    from imu_bench.offline.presentation import pages
+    from imu_bench.offline.whole_files import write_json
+    from imu_bench.terminal.tables import console
 
     check_outputs([arguments.json, arguments.html], arguments.results)
-    analyses = [results.read(path) for path in arguments.results]
-    across = compare_runs(named(arguments.results, analyses))
+    compared = offline.compare(arguments.results)
     # files first: the reader of a pipe may leave before the end of the tables
     if arguments.json is not None:
-        document = json.dumps(across.to_json(), ensure_ascii=False, allow_nan=False, indent=1)
-        write_text(arguments.json, document + '\n')
+        write_json(arguments.json, compared.to_json())
     if arguments.html is not None:
-        runs_page.write(across, arguments.html)
-    _show(across, console())
+        pages.write_runs(compared, arguments.html)
+    _show(compared, console())
     for output in (arguments.json, arguments.html):
         if output is not None:
             print(f'wrote {output}')
     return DONE
 
 
-def _show(across: Across, out: Console) -> None:
+def _show(compared: RunComparison, out: Console) -> None:
     """Print what the comparison says, then one table per sensor and run."""
-    from imu_bench.cli.table import fits
-    from imu_bench.cli.words import clean
-    from imu_bench.offline import across_text
+    from imu_bench.offline.presentation import run_tables
+    from imu_bench.terminal.tables import put
+    from imu_bench.terminal.words import clean
     from rich.text import Text
 
-    for sentence in across_text.summary(across):
+    for sentence in run_tables.summary(compared):
         out.print(Text(clean(sentence)))
-    groups = dict.fromkeys((line.sensor, line.run) for line in across.lines)
-    for group in groups:
-        rows = [across_text.row(line) for line in across.lines if (line.sensor, line.run) == group]
+    for sensor, run_name in dict.fromkeys((line.sensor, line.run) for line in compared.lines):
+        forms = [
+            run_tables.table(compared, sensor, run_name, columns)
+            for columns in (run_tables.ALL, run_tables.NARROW)
+        ]
+        wide, narrow = (replace(one, title=f'{sensor}: {one.title}') for one in forms)
         out.print()
-        tables = (_table(across.runs[0].name, *group, rows, names) for names in (_WIDE, _NARROW))
-        fitting = next((table for table in tables if fits(table, out)), None)
-        if fitting is None:
-            _stacked(across.runs[0].name, *group, rows, out)
-        else:
-            out.print(fitting)
+        if not put(out, wide, narrow):
+            _stack(out, narrow)
+        if wide.note:
+            out.print(Text(clean(wide.note), style='yellow'))
 
 
-def _title(reference: str, sensor: str, run_name: str) -> Text:
-    from imu_bench.cli.words import clean
-    from rich.text import Text
-
-    return Text(clean(f'{sensor}: {run_name} against {reference}'), style='bold')
-
-
-def _stacked(
-    reference: str, sensor: str, run_name: str, rows: Sequence[Row], out: Console
-) -> None:
+def _stack(out: Console, one: Table) -> None:
     """Print one cell per line, for terminals too narrow for a table."""
+    from imu_bench.offline.presentation.tables import cells
+    from imu_bench.terminal.tables import COLOURS
+    from imu_bench.terminal.words import clean
     from rich.text import Text
 
-    out.print(_title(reference, sensor, run_name))
+    out.print(Text(clean(one.title), style='bold'))
     last = ''
-    for row in rows:
-        if row.axis != last:
-            out.print(Text(row.axis))
-        out.print(Text(f'  {row.parameter}'))
-        line = Text(f'    {row.change}  ')
-        out.print(line.append(row.verdict, style=_COLOURS[row.verdict]))
-        last = row.axis
-
-
-def _table(
-    reference: str, sensor: str, run_name: str, rows: Sequence[Row], columns: Sequence[str]
-) -> Table:
-    from imu_bench.cli.words import clean
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(
-        title=_title(reference, sensor, run_name),
-        title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1),
-    )  # fmt: skip
-    titles = {'reference': reference, 'value': run_name, 'e_n': 'E_n'}
-    for name in columns:
-        left = name in ('axis', 'parameter', 'verdict')
-        title = Text(clean(titles.get(name, name)))
-        table.add_column(title, justify='left' if left else 'right')
-    last = ''
-    for row in rows:
-        cells = [Text(getattr(row, name)) for name in columns]
-        if row.axis == last:
-            cells[0] = Text()
-        cells[-1].stylize(_COLOURS[row.verdict])
-        table.add_row(*cells)
-        last = row.axis
-    return table
+    for axis, parameter, change, verdict in cells(one):
+        if axis.text != last:
+            out.print(Text(axis.text))
+        out.print(Text(f'  {parameter.text}'))
+        line = Text(f'    {change.text}  ')
+        out.print(line.append(verdict.text, style=COLOURS.get(verdict.kind, '')))
+        last = axis.text

@@ -5,32 +5,29 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Mapping
 from datetime import datetime
 import os
 from pathlib import Path
-import sys
-import time
-from typing import Any, TYPE_CHECKING
+import shlex
+import signal
+from typing import TYPE_CHECKING
 
+from imu_bench.cli.record import conclude
 from imu_bench.errors import ConfigError
+from imu_bench.terminal.arguments import add_network, duration
+from imu_bench.terminal.words import DONE, FAULT
 
 if TYPE_CHECKING:
-    from imu_bench.cli.trial import LiveTest
     from imu_bench.config import BenchConfig
-    from imu_bench.nodes.bench_monitor import BenchMonitor
-    from imu_bench.nodes.processes import BenchProcesses
+    from imu_bench.config.campaign import BenchTest
+    from imu_bench.recording.judgement import Judgement
+    from imu_bench.recording.session import Plan
+    from imu_bench.recording.trial import LiveTest
 
 BENCH, FAULTY_BENCH = 'machine_vibration', 'faults'
 DURATION_S = 60.0
 AFTER_FAULTS_S = 6.0
 """So long the demo goes on behind its last fault."""
-
-LEAD_S = 1.5
-"""So long before a scenario begins every sensor is told when; they compute some time ahead."""
-
-UP_WITHIN_S = 60.0
-"""How long the nodes may take to come up; a busy two-core machine needs some 20 s."""
 
 
 def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -42,7 +39,10 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         'bench', nargs='?', help=f'a bench of config/benches or a YAML (default {BENCH})'
     )
     parser.add_argument(
-        '--duration', type=_seconds, metavar='S', help=f'seconds (default {DURATION_S:g})'
+        '--duration',
+        type=_worthwhile,
+        metavar='T',
+        help=f'such as 90 or 2min (default {DURATION_S:g} s)',
     )
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
@@ -61,18 +61,24 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         '-o', '--output', type=Path, metavar='DIR', help='where to write (default demo_<time>)'
     )
+    add_network(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """
-    Run the demo; return 0 when every sensor gave data and the analysis succeeded.
+    Run the demo: record a bench, then analyse it; return 0 if both went well.
 
     With faults every one of them has to be recovered from, too.
     """
-    from imu_bench.bench import load_bench
+    # a shell makes its background jobs ignore it; who sends it means it, also before all is up
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    # imported here: help must not wait for scipy and ROS 2
+    from imu_bench.bench import as_tested, load_bench
     from imu_bench.config.location import config_file
+    from imu_bench.nodes import network
     from imu_bench.nodes.spinning import require_ros
+    from imu_bench.recording.session import Plan, Session
 
     require_ros()
     chosen = args.bench or (FAULTY_BENCH if args.faults else BENCH)
@@ -82,38 +88,78 @@ def run(args: argparse.Namespace) -> int:
     live = _live_test(bench, args, duration_s)
     if live is not None:
         duration_s = live.duration_s
+        bench = as_tested(bench, live.test) if live.test else bench
     folder = _new_folder(args.output)
-    environment = _environment(folder)
-    print(f'{bench.title or bench.name}: {kinds(bench)}, {duration_s:g} s')
+    chosen = network.variables(args.network or network.ALONE)
+    domain = _domain()
+    who = network.words(chosen)
+    print(f'{bench.title or bench.name}: {kinds(bench)}, {duration_s:g} s, {who}')
     if live is not None:
         print(f'{f"test {live.test.name}" if live.test else "no test"}: {live.remark}')
-    print(
-        f'on ROS_DOMAIN_ID={environment["ROS_DOMAIN_ID"]}, this machine only; '
-        f'recording into {folder}/bag'
+    print(network.for_other_shells({**os.environ, **chosen, 'ROS_DOMAIN_ID': domain}))
+    print(f'recording into {folder}/bag', flush=True)
+    plan = Plan(
+        folder / 'bag',
+        bench.recorder.storage,
+        duration_s,
+        bench,
+        logs=folder / 'log',
+        analysis=config_file('analysis.yaml'),
+        test=live,
+        faults=args.faults,
+        ros={'ROS_DOMAIN_ID': domain},
+        network=args.network or network.ALONE,
     )
-    monitor = _live(bench, folder, environment, duration_s, live, args.faults)
-    failed = _verdicts(monitor)
-    if args.faults:
-        from imu_bench.cli.fault_lines import show_faults, show_gaps
+    judgement = Session(plan).run()
+    return _conclude(judgement, folder, plan)
 
-        failed = max(show_faults(monitor.sensors), failed)
-    code = _analyse(folder, live.analysis() if live else [])
-    if args.faults and code == 0:
-        show_gaps(folder / 'results.json', monitor.sensors)
+
+def _conclude(judgement: Judgement, folder: Path, plan: Plan) -> int:
+    """Say how it went, analyse what was recorded, and return the exit code."""
+    from imu_bench.terminal.tables import show_faults, show_gaps
+
+    analysis = plan.test.analysis() if plan.test else []
+    report, results = folder / 'report.html', folder / 'results.json'
+    outputs = ['--html', str(report), '--json', str(results)]
+    command = ['imu-bench', 'analyze', str(folder / 'bag'), *analysis, *outputs]
+    failed = conclude(judgement, plan.duration_s, shlex.join(command))
+    if plan.faults:
+        print()
+        failed = max(show_faults(judgement.sensors), failed)
+    if judgement.asked not in ('', 'SIGINT'):  # who ends a service or a terminal does not wait
+        return failed
+    print()
+    code = _analyse(folder, plan.test.test if plan.test else None)
+    print(f'report: {report.resolve()}')
+    if plan.faults:
+        show_gaps(results, judgement.sensors)
     return max(code, failed)
 
 
-def kinds(bench: BenchConfig) -> str:
-    """
-    Say how many sensors there are and what stands behind them.
+def _analyse(folder: Path, test: BenchTest | None) -> int:
+    """Analyse the bag, by the plan of the test if there is one; show and write the results."""
+    from imu_bench import offline
+    from imu_bench.offline.comparing.sensors import compare
+    from imu_bench.offline.running import one_thread_each
+    from imu_bench.terminal import tables, working
+    from imu_bench.terminal.progress import Bar
 
-    Examples
-    --------
-    >>> from imu_bench.config import BenchConfig, SensorConfig
-    >>> kinds(BenchConfig(name='one', sensors=(SensorConfig('a', 'mpu9250', 'emulated'),)))
-    '1 emulated sensor'
-    """
-    from imu_bench.offline.notation import count
+    one_thread_each()
+    if test is not None:
+        result = working.run_test_plan(test, [folder / 'bag'], folder)
+        tables.show_plan(result)
+        return FAULT if result.failures else DONE
+    with working.team() as team, Bar() as bar:
+        analysis = offline.analyze([folder / 'bag'], workers=team, watch=working.watch(bar))
+    offline.write_results(analysis, folder / 'results.json')
+    offline.write_report(analysis, folder / 'report.html')
+    tables.show(analysis, compare(analysis.recordings))
+    return FAULT if analysis.failed else DONE
+
+
+def kinds(bench: BenchConfig) -> str:
+    """Say how many sensors there are and what stands behind them."""
+    from imu_bench.counting import count
 
     found = Counter(sensor.backend for sensor in bench.sensors)
     if len(found) == 1:
@@ -124,7 +170,7 @@ def kinds(bench: BenchConfig) -> str:
 
 def _live_test(bench: BenchConfig, args: argparse.Namespace, most_s: float) -> LiveTest | None:
     """Return what moves the bench; None if it stands still as its sensors' files say."""
-    from imu_bench.cli.trial import of_scenario, of_test
+    from imu_bench.recording.trial import of_scenario, of_test
 
     if args.scenario:
         return of_scenario(args.scenario, (), most_s)
@@ -145,14 +191,11 @@ def _faults_over_s(bench: BenchConfig) -> float:
     return max(ends) + AFTER_FAULTS_S
 
 
-def _seconds(text: str) -> float:
+def _worthwhile(text: str) -> float:
     """Return a duration that is worth a demo."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'{text!r} is no number of seconds') from None
+    value = duration(text)
     if not 1.0 <= value <= 7 * 86400.0:
-        raise argparse.ArgumentTypeError(f'{text} s is not between 1 s and a week')
+        raise argparse.ArgumentTypeError(f'{text} is not between 1 s and a week')
     return value
 
 
@@ -164,103 +207,7 @@ def _new_folder(wanted: Path | None) -> Path:
     return folder
 
 
-def _environment(folder: Path) -> dict[str, str]:
-    """Return the environment of the nodes: on this machine only, in a domain of their own."""
-    from imu_bench.nodes.bench_nodes import environment
-
+def _domain() -> str:
+    """Return the ROS domain of the user, or one of the demo's own."""
     # 0 to 101 are safe on Linux (ROS 2 documentation, "The ROS_DOMAIN_ID")
-    domain = str(1 + os.getpid() % 100)
-    alone = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': domain}
-    return environment(folder / 'log', alone)
-
-
-def _live(
-    bench: BenchConfig,
-    folder: Path,
-    environment: dict[str, str],
-    duration_s: float,
-    live: LiveTest | None,
-    faults: bool,
-) -> BenchMonitor:
-    """Run the nodes for a while, whatever ends it; return what the monitor saw."""
-    from imu_bench.cli.fault_lines import FaultNews
-    from imu_bench.cli.live import BenchShowing, show, stop
-    from imu_bench.nodes.bench_monitor import BenchMonitor
-    from imu_bench.nodes.processes import BenchProcesses
-
-    processes = BenchProcesses(folder / 'log', environment)
-    sensors = [sensor.name for sensor in bench.sensors]
-    emulated = [sensor.name for sensor in bench.sensors if sensor.backend == 'emulated']
-    played = [sensor.name for sensor in bench.sensors if sensor.backend == 'recorded']
-    moved = live.write(folder / 'scenario') if live else {}
-    begun: list[float] = []
-    try:
-        _start(bench, folder, processes, moved)
-        with BenchMonitor(sensors) as monitor:
-
-            def begin() -> float:
-                if live is None:
-                    return time.monotonic()
-                at_s = time.time() + LEAD_S
-                monitor.begin(at_s, emulated)
-                begun.append(at_s)
-                return time.monotonic() + at_s - time.time()
-
-            news = FaultNews(monitor.sensors).lines if faults else tuple
-            showing = BenchShowing(monitor, processes, duration_s, news, begin, played)
-            try:
-                show(showing, UP_WITHIN_S)
-            except KeyboardInterrupt:
-                print('stopping', file=sys.stderr)
-            # while the monitor listens: a sensor says as it goes what it lost at last
-            stop(processes, sensors)
-            return monitor
-    finally:
-        # the recorder last: it writes down what the others say as they go
-        for group in (sensors, ['analysis'], ['recorder']):
-            stop(processes, group)
-        if live and begun:
-            _write_truth(bench, folder, live, begun[0])
-
-
-def _write_truth(bench: BenchConfig, folder: Path, live: LiveTest, begin_s: float) -> None:
-    """Write what is true about the recording beside it, as `imu-bench simulate` does."""
-    from imu_bench.bench import simulate
-    from imu_bench.simulation.recording import write_truth
-
-    # what is played, or measured, does not know of the scenario
-    emulated = [sensor for sensor in bench.sensors if sensor.backend == 'emulated']
-    sensors = [simulate(sensor, live.scenario) for sensor in emulated]
-    begin_ns = round(begin_s * 1e9)
-    write_truth(folder, sensors, live.scenario, live.duration_s, start_ns=begin_ns)
-
-
-def _start(
-    bench: BenchConfig, folder: Path, processes: BenchProcesses, moved: Mapping[str, Any]
-) -> None:
-    from imu_bench.config.location import config_file
-    from imu_bench.nodes import bench_nodes
-
-    bench_nodes.start_recorder(processes, folder / 'bag', bench.recorder.storage)
-    bench_nodes.start_analysis(processes, bench, config_file('analysis.yaml'))
-    bench_nodes.start_sensors(processes, bench, folder / 'log', moved)
-
-
-def _verdicts(monitor: BenchMonitor) -> int:
-    """Say of every sensor whether it kept its rate; return 1 if one gave no data at all."""
-    print()
-    for sensor in monitor.sensors.values():
-        print(f'{sensor.name}: {sensor.verdict}')
-    print()
-    return int(not all(sensor.publishing for sensor in monitor.sensors.values()))
-
-
-def _analyse(folder: Path, plan: list[str]) -> int:
-    from imu_bench.cli.main import main
-
-    report = folder / 'report.html'
-    outputs = ['--html', str(report), '--json', str(folder / 'results.json')]
-    code = main(['analyze', str(folder / 'bag'), *plan, *outputs])
-    if code == 0:
-        print(f'report: {report.resolve()}')
-    return code
+    return os.environ.get('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))

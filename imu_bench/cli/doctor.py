@@ -4,13 +4,23 @@
 from __future__ import annotations
 
 import argparse
+import getpass
 import json
 import math
+import os
+from pathlib import Path
+import shutil
+import sys
 from typing import TYPE_CHECKING
 
+from imu_bench.errors import ConfigError
+from imu_bench.terminal.arguments import duration
+
 if TYPE_CHECKING:
+    from imu_bench.config import BenchConfig
     from imu_bench.doctor.checkup import Checkup
     from imu_bench.doctor.load import BusLoad, Share
+    from imu_bench.doctor.resting import Row
     from rich.console import Console
     from rich.table import Table
 
@@ -26,7 +36,8 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help='buses, permissions, who answers; for a bench: what is missing, load of each bus',
         description='Looks at this machine and says what to do about what is missing. With a '
         'bench it also predicts the load of each bus and the rates that come out. Registers are '
-        'only read, never written: identity registers, at the addresses the drivers know.',
+        'only read, never written: identity registers, at the addresses the drivers know. Only '
+        '--check starts the sensors.',
     )
     parser.add_argument('bench', nargs='?', help='a bench of config/benches or a YAML')
     parser.add_argument('--json', action='store_true', help='for machines')
@@ -35,6 +46,29 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help='clock of every I²C bus (default: as the device tree says)',
     )  # fmt: skip
     parser.add_argument('--no-probe', action='store_true', help='do not look for unknown chips')
+    parser.add_argument(
+        '--check', action='store_true',
+        help='let the bench stand still for a minute: are gravity, noise and rates right?',
+    )  # fmt: skip
+    parser.add_argument(
+        '--duration', type=duration, default=60.0, metavar='T',
+        help='how long it stands still for --check (default 60s)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--setup', action='store_true',
+        help='print the files that this computer needs: permissions, limits; with a bench also '
+        'its buses, and a unit that records it from the start of the computer on',
+    )  # fmt: skip
+    parser.add_argument(
+        '--apply', action='store_true', help='with --setup: write them, and say what to do next'
+    )
+    parser.add_argument(
+        '--root', type=Path, default=Path('/'), metavar='DIR',
+        help='with --apply: below this folder',
+    )  # fmt: skip
+    parser.add_argument(
+        '--user', metavar='NAME', help='with --setup: who records (default who asks)'
+    )
     parser.set_defaults(run=run)
 
 
@@ -45,15 +79,73 @@ def run(args: argparse.Namespace) -> int:
     from imu_bench.doctor.checkup import examine
 
     config = None
+    if args.check and not args.bench:
+        raise ConfigError('check what? Give a bench: imu-bench doctor --check BENCH')
     if args.bench:
         name = args.bench if args.bench.endswith('.yaml') else f'benches/{args.bench}.yaml'
         config = load_bench(config_file(name))
+    if args.setup:
+        return _setup(config, args)
+    if args.check and config is not None:
+        return _check(config, args)
     found = examine(config, i2c_hz=args.i2c_hz, probe=not args.no_probe)
     if args.json:
         print(json.dumps(found.as_json(), ensure_ascii=False, indent=2, allow_nan=False))
     else:
         _show(found)
     return DONE if found.ok else FAULT
+
+
+def _setup(config: BenchConfig | None, args: argparse.Namespace) -> int:
+    from imu_bench.config.location import config_file
+    from imu_bench.doctor import setup
+
+    user = args.user or os.environ.get('SUDO_USER') or getpass.getuser()
+    name = args.bench or ''
+    if name.endswith('.yaml'):
+        name = str(config_file(name).resolve())
+    command = shutil.which('imu-bench') or str(Path(sys.executable).with_name('imu-bench'))
+    found = setup.files(config, name, user, command)
+    if not args.apply:
+        for path, text in found.items():
+            print(f'# --- {args.root / path}\n{text}')
+        print('# --- afterwards')
+    else:
+        for changed in setup.write(found, args.root):
+            print(f'wrote {changed}')
+        print('now say:')
+    print('\n'.join(setup.afterwards(found)))
+    return DONE
+
+
+def _check(config: BenchConfig, args: argparse.Namespace) -> int:
+    from imu_bench.doctor.resting import as_json, check
+
+    if not args.json and any(sensor.backend == 'hardware' for sensor in config.sensors):
+        print(f'{config.name} stands still for {args.duration:g} s', file=sys.stderr, flush=True)
+    rows = check(config, args.duration)
+    document = as_json(config.name, rows)
+    if args.json:
+        print(json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False))
+    else:
+        _show_rows(rows)
+    return DONE if document['ok'] else FAULT
+
+
+def _show_rows(rows: list[Row]) -> None:
+    from imu_bench.offline.notation import text
+    from imu_bench.terminal.tables import console
+
+    out = console()
+    table = _table('At rest', 'sensor', 'what', '', 'measured', 'expected')
+    for row in rows:
+        verdict = row.verdict.upper() if row.verdict == 'wrong' else row.verdict
+        measured = text(row.measured) if row.measured.observable else ''
+        table.add_row(row.sensor, row.what, verdict, measured, row.expected)
+    out.print(table)
+    for row in rows:
+        if row.advice:
+            _say(out, f'{row.sensor}, {row.what}: {row.advice}.')
 
 
 def _hertz(text: str) -> float:
@@ -64,7 +156,7 @@ def _hertz(text: str) -> float:
 
 
 def _show(found: Checkup) -> None:
-    from imu_bench.cli.table import console
+    from imu_bench.terminal.tables import console
 
     out = console()
     _machine(found, out)
@@ -91,6 +183,8 @@ def _machine(found: Checkup, out: Console) -> None:
             allowed = 'may use it' if bus.accessible else 'may NOT open it'
             table.add_row(bus.device, bus.adapter, bus.group, allowed, speed)
         out.print(table)
+    for device, called in found.kernel.items():
+        _say(out, f'{device}: the kernel reads a {called}; "driver: iio" takes it from there.')
     for bus in found.buses:
         if bus.advice:
             _say(out, f'{bus.device}: {bus.advice}')
@@ -148,13 +242,13 @@ def _load(load: BusLoad, stretching: set[str], out: Console) -> None:
 def _relief(load: BusLoad, stretching: set[str]) -> str:
     from imu_bench.doctor.checkup import FAST_I2C_HZ
 
-    if load.speed_hz >= FAST_I2C_HZ:
-        return 'Put a sensor on another bus, on SPI, or lower a rate.'
     if stretching:
         return (
-            f'Give {" and ".join(sorted(stretching))} its serial line or a bus of its own before '
-            'this one is made faster.'
+            f'Give {" and ".join(sorted(stretching))} its serial line: it holds the clock after '
+            'every byte, so that no speed helps.'
         )
+    if load.speed_hz >= FAST_I2C_HZ:
+        return 'Put a sensor on another bus, on SPI, or lower a rate.'
     return (
         'Faster: dtparam=i2c_arm=on,i2c_arm_baudrate=400000 in /boot/firmware/config.txt, then '
         'restart.'
@@ -191,7 +285,7 @@ def _table(title: str, *columns: str) -> Table:
 
 
 def _say(out: Console, words: str) -> None:
-    from imu_bench.cli.words import clean
+    from imu_bench.terminal.words import clean
     from rich.text import Text
 
     out.print(Text(clean(words)))

@@ -4,16 +4,19 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
-from imu_bench.cli.main import DONE
-from imu_bench.cli.outputs import check_outputs
-from imu_bench.cli.words import clean
+from imu_bench.errors import RecordingError
+from imu_bench.terminal.arguments import check_folder, check_outputs
+from imu_bench.terminal.words import clean, DONE
 
 if TYPE_CHECKING:
-    from imu_bench.offline.results import RecordingResult
+    from imu_bench.offline.analysis.results import RecordingResult
+    from imu_bench.offline.health import Finding
 
 FORMATS = (
     'kalibr', 'openvins', 'orb-slam3', 'vins', 'gtsam', 'robot_localization', 'sensor_msgs',
@@ -35,7 +38,10 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument('result', metavar='RESULT.json', help='written by imu-bench analyze')
     parser.add_argument('--to', required=True, choices=FORMATS, help='the program')
-    parser.add_argument('--topic', default='', metavar='T', help='topic or name of the sensor')
+    parser.add_argument(
+        '--topic', action='append', default=[], metavar='T',
+        help='topic or name of a sensor (repeatable); all of them if not given',
+    )  # fmt: skip
     parser.add_argument(
         '--conservative',
         action='store_true',
@@ -43,34 +49,77 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         'one number stands for all: for a filter that must not trust the sensor too much',
     )
     parser.add_argument(
-        '-o', '--output', type=Path, metavar='FILE', help='where to write; stdout if not given'
+        '--force',
+        action='store_true',
+        help='write numbers although the recording has severe findings',
     )
+    parser.add_argument(
+        '-o', '--output', type=Path, metavar='FILE|FOLDER',
+        help='a file, or a folder in which every sensor has one; stdout if not given',
+    )  # fmt: skip
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the export and return the exit code."""
     # imported here: help must not wait for scipy
-    from imu_bench.offline import results
-    from imu_bench.offline.exports import choose, render
+    from imu_bench.offline import exports
+    from imu_bench.offline.analysis import results
     from imu_bench.offline.whole_files import write_text
 
-    check_outputs([arguments.output], [arguments.result])
     analysis = results.read(arguments.result)
-    text = render(analysis, arguments.to, arguments.topic, conservative=arguments.conservative)
-    if arguments.output is None:
-        print(text, end='')
+    chosen = exports.choose(analysis, arguments.topic)
+    several = len(chosen) > 1 and arguments.to != 'csv'
+    output, kind = arguments.output, {'conservative': arguments.conservative}
+    into = output is not None and (output.is_dir() or (several and not output.exists()))
+    if into:
+        check_folder(output)
     else:
-        write_text(arguments.output, text)
-        print(f'wrote {arguments.output}')
-    if arguments.to != 'csv':
-        _warn(choose(analysis, arguments.topic))
+        check_outputs([output], [arguments.result])
+    if not arguments.force:
+        _refuse(chosen)
+    written = []
+    if into:
+        texts = exports.files(chosen, arguments.to, **kind)
+        output.mkdir(exist_ok=True)
+        for name, text in texts.items():
+            write_text(output / name, text)
+            written.append(output / name)
+    elif several and output is not None:
+        raise RecordingError(
+            f'{output} is one file for {len(chosen)} sensors: name a folder, or one with --topic: '
+            f'{", ".join(chosen)}'
+        )
+    else:
+        # several in one are refused there
+        only = replace(analysis, recordings=tuple(chosen.values()))
+        text = exports.render(only, arguments.to, **kind)
+        if output is None:
+            print(text, end='')
+        else:
+            write_text(output, text)
+            written.append(output)
+    print(*(f'wrote {path}\n' for path in written), sep='', end='')
+    for label, recording in chosen.items():
+        for finding in recording.health.severe:
+            print(f'imu-bench: warning: {_told(label, finding)}', file=sys.stderr)
     return DONE
 
 
-def _warn(recording: RecordingResult) -> None:
-    """Say of a recording that is not to be trusted why; the file that was made says it, too."""
-    for finding in recording.health.findings:
-        if finding.severity == 'severe':
-            line = clean(f'{finding.text} {finding.effect} {finding.action}')
-            print(f'imu-bench: warning: {line}', file=sys.stderr)
+def _refuse(chosen: Mapping[str, RecordingResult]) -> None:
+    """Refuse numbers that describe something else than a sensor."""
+    told = [
+        _told(label, finding)
+        for label, recording in chosen.items()
+        for finding in recording.health.severe
+    ]
+    if told:
+        more = f' (and {len(told) - 1} more)' if len(told) > 1 else ''
+        raise RecordingError(
+            f'not to be trusted: {told[0]}{more}; leave it out with --topic, or write it all the '
+            'same with --force'
+        )
+
+
+def _told(label: str, finding: Finding) -> str:
+    return clean(f'{label}: {finding.text} {finding.effect} {finding.action}')

@@ -8,10 +8,8 @@ from pathlib import Path
 import shlex
 import sys
 
-from imu_bench.cli.main import DONE
-from imu_bench.cli.outputs import check_outputs
-from imu_bench.cli.reading import add_reading, read_options
-from imu_bench.cli.words import clean
+from imu_bench.terminal.arguments import add_reading, check_outputs, read_options
+from imu_bench.terminal.words import clean, DONE
 
 FORMS = ('mcap', 'sqlite3', 'csv', 'npy')
 """The same as in imu_bench.offline.imports, which help must not wait for."""
@@ -43,9 +41,9 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def run(arguments: argparse.Namespace) -> int:
     """Import and return the exit code."""
     # imported here: help must not wait for scipy
-    from imu_bench.cli.progress import Bar
     from imu_bench.offline.imports import form_of, import_recordings
     from imu_bench.offline.recordings import find_recordings, grouped
+    from imu_bench.terminal.progress import Bar
 
     options = read_options(arguments)
     output: Path = arguments.output

@@ -3,8 +3,8 @@
 Entry point of `imu-bench`: finds the verbs, runs one, turns errors into one line.
 
 A verb is a file in this folder that defines `register(verbs)`, which adds one parser whose
-default `run` is the function to call.  Other files are helpers and are not imported; a verb
-imports nothing heavy before it runs, so that help is there at once.
+default `run` is the function to call; it imports nothing heavy before it runs, so that help is
+there at once.
 """
 
 from __future__ import annotations
@@ -17,20 +17,54 @@ import io
 import os
 from pathlib import Path
 import re
+import shlex
 import sys
 from typing import NoReturn
 
-from imu_bench import __version__
-from imu_bench.cli.words import clean, forgiving
+from imu_bench.cli import completion
 from imu_bench.errors import BenchError, ConfigError, os_error_text
+from imu_bench.terminal.words import complain, FAULT, forgiving, INTERRUPTED, USAGE
+from imu_bench.version import __version__
 
 PACKAGE = 'imu_bench.cli'
 
-DONE, FAULT, USAGE, INTERRUPTED = 0, 1, 2, 130
-"""Exit codes: done; the input or the machine is at fault; wrong usage; stopped with Ctrl-C."""
-
 _VERB = re.compile(r'^def register\(', re.MULTILINE)
 _CHOICE = re.compile(r"invalid choice: '(?P<given>[^']*)' \(choose from (?P<known>.*)\)$")
+
+
+_EXAMPLES = {
+    'analyze': ('imu-bench analyze my_bag/ --html report.html',
+                'imu-bench analyze log.csv --rate 100 --units angular_velocity=deg/s'),
+    'campaign': ('imu-bench campaign mast_inclination --list',
+                 'imu-bench campaign mast_inclination --short -o campaign'),
+    'compare': ('imu-bench compare monday.json friday.json',
+                'imu-bench compare cold/results.json warm/results.json --html runs.html'),
+    'demo': ('imu-bench demo', 'imu-bench demo mast_inclination --test tilt'),
+    'doctor': ('imu-bench doctor my_bench.yaml', 'imu-bench doctor --check my_bench.yaml'),
+    'export': ('imu-bench export results.json --to kalibr --conservative',
+               'imu-bench export results.json --to kalibr -o filters/'),
+    'import': ('imu-bench import my_bag/ --topic /imu/data_raw -o imu.csv',
+               'imu-bench import old_ros1.bag -o new_bag'),
+    'list': ('imu-bench list', 'imu-bench list benches'),
+    'record': ('imu-bench record my_imu.yaml -o my_bag --duration 20min',
+               'imu-bench record my_bench.yaml --test static --into campaign'),
+    'simulate': ('imu-bench simulate machine_vibration --duration 14h -o night',
+                 'imu-bench simulate --from results.json --duration 1h -o twins'),
+}  # fmt: skip
+_OWN_DASHES = ('--columns',)
+"""Options whose value may begin with a dash, which argparse takes for another option."""
+
+
+_NAMED = ('BENCH', 'bench', '--plan')
+
+
+class _Formatter(argparse.HelpFormatter):
+    """Keeps the lines of examples."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if text.startswith('examples:'):
+            return text
+        return super()._fill_text(text, width, indent)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -43,18 +77,13 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run one verb and return the exit code.
-
-    Examples
-    --------
-    >>> main([])  # doctest: +ELLIPSIS
-    usage: imu-bench [-h] [--version] VERB ...
-    2
-    """
+    """Run one verb and return the exit code."""
     _allow_every_character()
     parser = build_parser()
-    arguments, unknown = parser.parse_known_args(argv)
+    completion.offer(parser)
+    given = _joined(sys.argv[1:] if argv is None else argv)
+    arguments, unknown = parser.parse_known_args(given)
+    arguments.command = shlex.join(['imu-bench', *given])
     if unknown:
         arguments.usage_of.error(_unknown(unknown, arguments.usage_of))
     if arguments.run is None:
@@ -97,28 +126,45 @@ def build_parser() -> argparse.ArgumentParser:
         epilog='exit codes: 0 done, 1 the input or the machine is at fault, 2 wrong usage',
     )
     parser.add_argument('--version', action='version', version=f'imu-bench {__version__}')
-    parser.set_defaults(run=None, usage_of=parser)
+    parser.add_argument(
+        '--completion', action=completion.PrintScript, choices=completion.SHELLS,
+        help='print what makes the Tab key complete verbs, options and names: '
+        'eval "$(imu-bench --completion bash)" in ~/.bashrc, or zsh in ~/.zshrc after compinit; '
+        'imu-bench --completion fish | source in config.fish',
+    )  # fmt: skip
+    parser.set_defaults(run=None, usage_of=parser, command='')
     verbs = parser.add_subparsers(title='verbs', metavar='VERB')
     for name in verb_names():
         import_module(f'{PACKAGE}.{name}').register(verbs)
-    for verb in verbs.choices.values():
+    for name, verb in verbs.choices.items():
         verb.set_defaults(usage_of=verb)
+        verb.formatter_class = _Formatter
+        verb.epilog = '\n  '.join(('examples:', *_EXAMPLES[name]))
+        if any(word in verb.format_usage() for word in _NAMED):
+            verb.epilog += '\n\nnames of benches, plans, scenarios: imu-bench list'
     return parser
 
 
-def _unknown(given: Sequence[str], parser: argparse.ArgumentParser) -> str:
+def _joined(given: Sequence[str]) -> list[str]:
     """
-    Say which arguments a parser does not know, and which option was probably meant.
+    Return arguments with values that begin with a dash tied to their options.
 
     Examples
     --------
-    >>> parser = argparse.ArgumentParser()
-    >>> _ = parser.add_argument('--duration'), parser.add_argument('--rate')
-    >>> _unknown(['--duratoin=3s'], parser)
-    "unrecognized arguments: --duratoin=3s; did you mean '--duration'?"
-    >>> _unknown(['--start=3'], parser)
-    'unrecognized arguments: --start=3'
+    >>> _joined(['a.csv', '--columns', '-,-,ax', '--rate', '100'])
+    ['a.csv', '--columns=-,-,ax', '--rate', '100']
     """
+    joined: list[str] = []
+    for argument in given:
+        if joined and joined[-1] in _OWN_DASHES and ',' in argument:
+            joined[-1] += f'={argument}'
+        else:
+            joined.append(argument)
+    return joined
+
+
+def _unknown(given: Sequence[str], parser: argparse.ArgumentParser) -> str:
+    """Say which arguments a parser does not know, and which option was probably meant."""
     text = f'unrecognized arguments: {" ".join(given)}'
     wrong = next((argument for argument in given if argument.startswith('--')), '')
     # compared without the dashes, which are alike in all
@@ -132,21 +178,9 @@ def _nearest(given: str, known: Sequence[str], prefix: str = '') -> str:
 
 
 def verb_names() -> list[str]:
-    """
-    Return the files of this folder that are verbs, told by their source, without importing them.
-
-    Examples
-    --------
-    >>> 'analyze' in verb_names(), 'table' in verb_names()
-    (True, False)
-    """
+    """Return the files of this folder that are verbs, by their source, without importing them."""
     files = sorted(Path(__file__).parent.glob('*.py'))
     return [file.stem for file in files if _VERB.search(file.read_text(encoding='utf-8'))]
-
-
-def complain(message: str) -> None:
-    """Print one error line on stderr; characters that would steer a terminal are made visible."""
-    print(f'imu-bench: error: {clean(" ".join(message.split()))}', file=sys.stderr)
 
 
 if __name__ == '__main__':

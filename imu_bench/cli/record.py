@@ -4,18 +4,21 @@
 from __future__ import annotations
 
 import argparse
+from importlib.util import find_spec
+import os
 from pathlib import Path
 import signal
 import sys
 from typing import TYPE_CHECKING
 
-from imu_bench.cli.arguments import duration
-from imu_bench.cli.main import complain, DONE, FAULT
+from imu_bench.errors import ConfigError
+from imu_bench.terminal.arguments import add_network, duration
+from imu_bench.terminal.words import complain, DONE, FAULT
 
 if TYPE_CHECKING:
-    from imu_bench.cli.record_place import Place
-    from imu_bench.cli.record_session import Ended
     from imu_bench.config import BenchConfig
+    from imu_bench.recording.judgement import Judgement
+    from imu_bench.recording.place import Place
 
 _DESCRIPTION = """\
 Starts the sensors of a bench and records them, shows how they do, and ends at the duration, at
@@ -59,6 +62,12 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         '--storage', choices=('mcap', 'sqlite3'), help="format of the bag (default the bench's)"
     )
+    parser.add_argument(
+        '--direct', action='store_true',
+        help='straight from the sensors into the bag, with no ROS in between: nobody can watch '
+        'the topics; what is done where ROS 2 is not installed',
+    )  # fmt: skip
+    add_network(parser)
     parser.set_defaults(run=run)
 
 
@@ -67,23 +76,55 @@ def run(arguments: argparse.Namespace) -> int:
     # a shell makes its background jobs ignore it; who sends it means it, also before all is up
     signal.signal(signal.SIGINT, signal.default_int_handler)
     # imported here: help must not wait for scipy and ROS 2
-    from imu_bench.cli import record_place, record_room
+    from imu_bench.bench import as_tested
     from imu_bench.config.bench import RecorderConfig
+    from imu_bench.nodes import network
     from imu_bench.nodes.spinning import require_ros
+    from imu_bench.recording import place as places
+    from imu_bench.recording import room
 
     config = None if arguments.bench is None else _load(arguments.bench)
-    place = record_place.choose(arguments, config)
-    require_ros()
+    place = places.choose(arguments, config)
+    if config is not None and arguments.test:
+        config = as_tested(config, config.test(arguments.test))
+    direct = config is not None and (arguments.direct or not _ros_or_say())
+    if arguments.direct and config is None:
+        raise ConfigError('--direct reads the sensors itself: name a bench, or leave it out')
+    if not direct:
+        require_ros()
     recorder = config.recorder if config else RecorderConfig()
     storage = arguments.storage or recorder.storage
-    room = f'{record_room.size(record_room.free_bytes(place.bag))} free'
+    free = f'{room.size(room.free_bytes(place.bag))} free'
     if config is not None:
-        per_second = record_room.bytes_per_second(config, storage)
-        room = record_room.check(place.bag, per_second, place.duration_s)
-    _announce(config, place, room)
-    from imu_bench.cli.record_session import Session
+        per_second = room.bytes_per_second(config, storage)
+        free = room.check(place.bag, per_second, place.duration_s)
+    reached = arguments.network or (network.ALL if config is None else network.ALONE)
+    variables = network.variables(reached)
+    _announce(config, place, free, '' if direct else network.words(variables))
+    if config is not None and not direct:
+        print(network.for_other_shells({**os.environ, **variables}), flush=True)
+    if config is not None and direct:
+        from imu_bench.recording.direct import Session as DirectSession
 
-    return _conclude(place, Session(place, storage, config, arguments.topic).run())
+        recorded = DirectSession(place.bag, storage, place.duration_s, config).run()
+        return conclude(recorded, place.duration_s, place.following)
+    from imu_bench.recording.session import Plan, Session
+
+    topics = tuple(arguments.topic)
+    plan = Plan(place.bag, storage, place.duration_s, config, topics, network=reached)
+    return conclude(Session(plan).run(), place.duration_s, place.following)
+
+
+def _ros_or_say() -> bool:
+    """Return whether ROS 2 is installed; say what that means if it is not."""
+    if find_spec('rclpy') is not None:
+        return True
+    print(
+        'ROS 2 is not installed here: the sensors are recorded without it, and nobody can watch '
+        'their topics',
+        file=sys.stderr,
+    )
+    return False
 
 
 def _load(name: str) -> BenchConfig:
@@ -106,12 +147,13 @@ def _load(name: str) -> BenchConfig:
     )
 
 
-def _announce(config: BenchConfig | None, place: Place, room: str) -> None:
+def _announce(config: BenchConfig | None, place: Place, room: str, reached: str) -> None:
     """Say what is recorded where, before anything starts."""
     from imu_bench.offline.notation import count
 
     if config is not None:
-        print(f'{config.title or config.name}: {count(len(config.sensors), "sensor")}')
+        what = [count(len(config.sensors), 'sensor'), *filter(None, [reached])]
+        print(f'{config.title or config.name}: {", ".join(what)}')
         others = [sensor for sensor in config.sensors if not sensor.measured]
         if others:
             kinds = ' and '.join(sorted({sensor.backend for sensor in others}))
@@ -123,33 +165,13 @@ def _announce(config: BenchConfig | None, place: Place, room: str) -> None:
     print(f'recording into {place.bag}; {room}', flush=True)
 
 
-def _conclude(place: Place, ended: Ended) -> int:
+def conclude(judgement: Judgement, wanted_s: float | None, following: str) -> int:
     """Say what there is in the bag and what to do with it; return the exit code."""
-    from imu_bench.cli.record_room import size, stored_bytes
-    from imu_bench.cli.record_session import stored
-    from imu_bench.offline.notation import count
-    from imu_bench.offline.notation import duration as length
-
-    counts = stored(place.bag)
-    faults = [ended.failure] if ended.failure else []
     print()
-    for row in ended.rows:
-        messages = None if counts is None else counts.get(row.topic, 0)
-        line, fault = row.verdict(messages, ended.at_s)
+    for line in judgement.lines:
         print(line)
-        faults += [fault] if fault else []
-    if ended.recorder.dropped and not ended.failure:
-        faults.append(f'{count(ended.recorder.dropped, "message")} dropped: the disk is too slow')
-    total = 'not finished'
-    if counts is not None:
-        total = count(sum(counts.values()), 'message')
-    else:
-        faults.append('the bag was not finished, analyze reads it as it is')
-    ran = length(round(ended.ran_s, 1))
-    if place.duration_s is not None and ended.asked:
-        ran += f' of {length(place.duration_s)}, stopped by {ended.asked}'
-    print(f'{place.bag}: {total}, {size(stored_bytes(place.bag))}, {ran}')
-    print(f'next: {place.following}')
-    if faults:
-        complain(f'{place.bag}: {"; ".join(faults)}')
-    return FAULT if faults else DONE
+    print(judgement.total(wanted_s))
+    print(f'next: {following}')
+    if judgement.faults:
+        complain(f'{judgement.bag}: {"; ".join(judgement.faults)}')
+    return FAULT if judgement.faults else DONE

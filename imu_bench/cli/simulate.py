@@ -9,8 +9,8 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from imu_bench.cli.arguments import duration
 from imu_bench.errors import ConfigError
+from imu_bench.terminal.arguments import duration
 
 if TYPE_CHECKING:
     from imu_bench.config import SensorConfig
@@ -63,10 +63,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate and return the exit code."""
     # imported here: help must not wait for scipy
     from imu_bench import bench
-    from imu_bench.cli.progress import Bar
     from imu_bench.offline.whole_files import whole_folder
     from imu_bench.simulation import recording
     from imu_bench.simulation.scenario import load_scenario
+    from imu_bench.terminal.progress import Bar
 
     if arguments.output.exists():
         raise ConfigError(f'{arguments.output}: exists already; name another folder with -o')
@@ -82,10 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
     begun = time.monotonic()
     with Bar() as bar, whole_folder(arguments.output) as draft:
         step = bar.phase(f'simulating {scenario.name}')
-        counts = recording.write(
-            draft, simulated, scenario, duration_s,
-            storage=storage, run=arguments.seed, progress=step,
-        )  # fmt: skip
+        write = recording.writer(storage)
+        counts = write(draft, simulated, scenario, duration_s, run=arguments.seed, progress=step)
         if arguments.results is not None:
             _write_twins(draft, arguments.results)
     if arguments.results is not None:

@@ -9,6 +9,7 @@ A sensor's file is a ROS parameter file, so that ``--params-file`` and
 from imu_bench.config.bench import (
     ANALYSIS_SETTINGS,
     AnalysisConfig,
+    as_tested,
     BenchConfig,
     load_analysis,
     load_bench,
@@ -40,6 +41,7 @@ __all__ = [
     'RecorderConfig',
     'SensorConfig',
     'Setting',
+    'as_tested',
     'load_analysis',
     'load_bench',
     'load_sensor',

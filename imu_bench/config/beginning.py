@@ -8,13 +8,6 @@ from dataclasses import dataclass
 
 @dataclass
 class Beginning:
-    """
-    When a scenario begins; it may be told later, from another thread.
+    """When a scenario begins; it may be told later, from another thread."""
 
-    Attributes
-    ----------
-    at_s : float
-        Unix time, s; 0 is when the sensor is switched on.
-    """
-
-    at_s: float = 0.0
+    at_s: float = 0.0  # Unix time, s; 0 is when the sensor is switched on

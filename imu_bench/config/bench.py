@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,8 @@ RECORDER_SETTINGS = (
 )
 """What the recording of a bench may set."""
 
+UP = ('', 'x', 'y', 'z', '-x', '-y', '-z')
+
 _BENCH = (
     Setting('name', REQUIRED, 'Short name of the bench.'),
     Setting('title', '', 'What the bench is, in one line.'),
@@ -33,6 +35,7 @@ _BENCH = (
 _ENTRY = (
     Setting('file', REQUIRED, "The sensor's file, relative to the bench's."),
     Setting('name', '', "Name of the sensor; the file's by default."),
+    Setting('up', '', 'Axis of the sensor that points up on the bench at rest.', allowed=UP),
 )
 
 
@@ -53,35 +56,20 @@ class RecorderConfig:
 
 @dataclass(frozen=True)
 class BenchConfig:
-    """
-    A bench, checked.
-
-    Attributes
-    ----------
-    name, title : str
-    sensors : tuple of SensorConfig
-        In the order of the file, with different names.
-    files : mapping of str to Path
-        Per sensor its parameter file.
-    overrides : mapping of str to mapping
-        Per sensor what the bench sets differently, with dotted names.
-    analysis : AnalysisConfig
-    recorder : RecorderConfig
-    tests : tuple of BenchTest
-        What is to be done with it.
-    demo : str
-        Name of the test that a demo shows; empty for none.
-    """
+    """A bench, checked."""
 
     name: str
     title: str = ''
-    sensors: tuple[SensorConfig, ...] = ()
-    files: Mapping[str, Path] = field(default_factory=dict)
+    sensors: tuple[SensorConfig, ...] = ()  # in the order of the file, with different names
+    files: Mapping[str, Path] = field(default_factory=dict)  # per sensor its parameter file
+    # per sensor what the bench sets differently, with dotted names
     overrides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    # per sensor which of its axes points up at rest, such as '-x'; '' where nobody said
+    up: Mapping[str, str] = field(default_factory=dict)
     analysis: AnalysisConfig = AnalysisConfig()
     recorder: RecorderConfig = RecorderConfig()
-    tests: tuple[BenchTest, ...] = ()
-    demo: str = ''
+    tests: tuple[BenchTest, ...] = ()  # what is to be done with it
+    demo: str = ''  # name of the test that a demo shows; empty for none
 
     def test(self, name: str) -> BenchTest:
         """
@@ -108,11 +96,6 @@ def load_analysis(path: str | Path) -> AnalysisConfig:
     Return how to analyse, from the parameter file of the analysis node.
 
     Parameters of the node that are not about the analysis itself are left to the node.
-
-    Raises
-    ------
-    ConfigError
-        With every problem of the file, one line each.
     """
     path = Path(path)
     names = {setting.name for setting in ANALYSIS_SETTINGS}
@@ -148,13 +131,16 @@ def load_bench(
     _refuse_parameters(document, path)
     problems: list[str] = []
     entries = document.pop('sensors', None)
-    tests = read_tests(document.pop('tests', None), f'{path}: tests', problems)
+    tests = document.pop('tests', None)
+    if isinstance(tests, str):  # those of another bench, such as the emulated one
+        tests = read_yaml(path.parent / tests).get('tests')
+    tests = read_tests(tests, f'{path}: tests', problems)
     sections = {
         'analysis': _section(document, 'analysis', ANALYSIS_SETTINGS, path, problems),
         'recorder': _section(document, 'recorder', RECORDER_SETTINGS, path, problems),
     }
     top = check_all(dict(flatten(document)), _BENCH, f'{path}: bench', problems)
-    sensors, files, overrides = [], {}, {}
+    sensors, files, overrides, up = [], {}, {}, {}
     if not isinstance(entries, list) or not entries:
         problems.append(f"{path}: sensors: missing; give a list of entries like '- file: x.yaml'")
         entries = []
@@ -167,6 +153,7 @@ def load_bench(
             problems.append(f'{where}.name: {sensor.name!r} is there already; give another name')
         sensors.append(sensor)
         files[sensor.name] = path.parent / entry['file']
+        up[sensor.name] = entry.get('up', '')
         overrides[sensor.name] = dict(flatten(entry.get('overrides') or {}))
     if top.get('demo') and top['demo'] not in [test.name for test in tests]:
         problems.append(f'{path}: demo: {top["demo"]!r} is none of the tests')
@@ -177,6 +164,7 @@ def load_bench(
         sensors=tuple(sensors),
         files=files,
         overrides=overrides,
+        up=up,
         analysis=AnalysisConfig(**sections['analysis']),
         recorder=RecorderConfig(**sections['recorder']),
         tests=tests,
@@ -243,3 +231,37 @@ def _sensor(
     except ConfigError as error:
         problems.extend(str(error).splitlines())
         return None
+
+
+def as_tested(
+    loaded: BenchConfig, test: BenchTest, load: Callable[..., SensorConfig]
+) -> BenchConfig:
+    """
+    Return a bench with its sensors set as one of its tests wants them.
+
+    Parameters
+    ----------
+    load : callable
+        As `load_sensor`, with the settings of the drivers.
+
+    Raises
+    ------
+    ConfigError
+        If the test names a sensor that is not there, or a setting that it cannot have.
+    """
+    for name in test.sensors:
+        if name not in loaded.files:
+            known = ', '.join(loaded.files)
+            raise ConfigError(
+                f'test {test.name}: sensors.{name}: bench {loaded.name} has: {known}'
+            )
+    overrides = {
+        name: {**given, **test.sensors.get(name, {})} for name, given in loaded.overrides.items()
+    }
+    sensors = tuple(
+        load(loaded.files[sensor.name], name=sensor.name, overrides=overrides[sensor.name])
+        if sensor.name in test.sensors
+        else sensor
+        for sensor in loaded.sensors
+    )
+    return replace(loaded, sensors=sensors, overrides=overrides)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from imu_bench.config.schema import Setting
+from msg_conversions.quantities import AXES, IMU_QUANTITIES, MAGNETIC_FIELD
 
-CALIBRATED = {'acceleration': 'm/s²', 'angular_velocity': 'rad/s', 'magnetic_field': 'T'}
+CALIBRATED = {q.field: q.unit for q in (*IMU_QUANTITIES, MAGNETIC_FIELD)}
 """Quantities that can be corrected, with the unit of their bias."""
-
-ROWS = ('x', 'y', 'z')
 
 _LARGEST = 0.5
 """A matrix farther from that of no correction is a mistake, such as one of a raw count."""
@@ -20,19 +19,10 @@ _LARGEST = 0.5
 
 @dataclass(frozen=True)
 class Affine:
-    """
-    The correction of one quantity.
+    """The correction of one quantity."""
 
-    Attributes
-    ----------
-    bias : tuple of float
-        Per axis, SI.
-    matrix : tuple of tuple of float
-        Rows x, y, z.
-    """
-
-    bias: tuple[float, ...]
-    matrix: tuple[tuple[float, ...], ...]
+    bias: tuple[float, ...]  # per axis, SI
+    matrix: tuple[tuple[float, ...], ...]  # rows x, y, z
 
 
 def _settings() -> Iterator[Setting]:
@@ -40,7 +30,7 @@ def _settings() -> Iterator[Setting]:
         prefix = f'calibration.{name}'
         text = 'Taken off before the matrix; one value or one per axis.'
         yield Setting(f'{prefix}.bias', None, text, unit=unit, kind='quantity')
-        for row in ROWS:
+        for row in AXES:
             yield Setting(
                 f'{prefix}.matrix.{row}', None,
                 f'Share of x, y, z less their bias in corrected {row}.', unit='1', kind='quantity',
@@ -52,34 +42,18 @@ CALIBRATION_SETTINGS = tuple(_settings())
 
 
 def corrections(values: Mapping[str, Any], source: str, problems: list[str]) -> dict[str, Affine]:
-    """
-    Return the correction of every quantity that has one.
-
-    Parameters
-    ----------
-    values : mapping
-        Checked values of `CALIBRATION_SETTINGS`, None where not given.
-    source : str
-        Place for the texts.
-    problems : list of str
-        Each problem is appended, as one line with its path.
-
-    Examples
-    --------
-    >>> corrections({'calibration.acceleration.bias': (0.1,)}, 'x.yaml', [])['acceleration'].bias
-    (0.1, 0.1, 0.1)
-    """
+    """Return the correction of every quantity that has one."""
     found = {}
     for name in CALIBRATED:
         prefix = f'calibration.{name}'
         bias = values.get(f'{prefix}.bias')
-        rows = [values.get(f'{prefix}.matrix.{row}') for row in ROWS]
+        rows = [values.get(f'{prefix}.matrix.{row}') for row in AXES]
         if bias is None and all(row is None for row in rows):
             continue
         unity = [tuple(float(a == b) for b in range(3)) for a in range(3)]
         matrix = [own if row is None else row for row, own in zip(rows, unity, strict=True)]
-        for row, given, own in zip(ROWS, matrix, unity, strict=True):
-            if len(given) != len(ROWS):
+        for row, given, own in zip(AXES, matrix, unity, strict=True):
+            if len(given) != len(AXES):
                 problems.append(
                     f'{source}.{prefix}.matrix.{row}: one value is no row; give three, for x, y, z'
                 )
@@ -90,5 +64,5 @@ def corrections(values: Mapping[str, Any], source: str, problems: list[str]) -> 
                     f'{", ".join(f"{v:g}" for v in own)}'
                 )
         bias = (0.0,) if bias is None else bias
-        found[name] = Affine(bias if len(bias) == len(ROWS) else bias * len(ROWS), tuple(matrix))
+        found[name] = Affine(bias if len(bias) == len(AXES) else bias * len(AXES), tuple(matrix))
     return found

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -44,90 +44,51 @@ _SHORT = (
 
 
 class Run(NamedTuple):
-    """
-    One run of a test.
+    """One run of a test."""
 
-    Attributes
-    ----------
-    name : str
-        Its folder: scenario, axis and repetition.
-    scenario : str
-    overrides : tuple of str
-        Settings of the scenario, as NAME=VALUE.
-    seed : int
-        Another run of the same sensors.
-    """
-
-    name: str
+    name: str  # its folder: scenario, axis and repetition
     scenario: str
-    overrides: tuple[str, ...]
-    seed: int
+    overrides: tuple[str, ...]  # settings of the scenario, as NAME=VALUE
+    seed: int  # another run of the same sensors
 
 
 class Also(NamedTuple):
-    """
-    More runs of a test, each once along every axis: what the others are compared with.
+    """More runs of a test, each once along every axis: what the others are compared with."""
 
-    Attributes
-    ----------
-    name : str
-        Last part of their names.
-    scenarios : tuple of str
-    overrides : tuple of str
-        Settings of these scenarios, as NAME=VALUE.
-    """
-
-    name: str
+    name: str  # last part of their names
     scenarios: tuple[str, ...]
-    overrides: tuple[str, ...]
+    overrides: tuple[str, ...]  # settings of these scenarios, as NAME=VALUE
 
 
 @dataclass(frozen=True)
 class BenchTest:
-    """
-    One test of a bench, checked.
-
-    Attributes
-    ----------
-    name, title : str
-    scenarios, axes : tuple of str
-    repetitions : int
-    overrides : tuple of str
-        Settings of the scenarios, as NAME=VALUE.
-    duration_s : float or None
-        Length of a run; the scenario's own if None.
-    plan, reference : str
-    storage : str or None
-        Format of simulated runs; that of the bench's recorder if None.
-    settings : mapping of str to str
-        Of the plan.
-    on_request : bool
-        Whether it is run only when it is named.
-    also : Also, optional
-        More runs of it.
-    short, live : mapping of str to object
-        What its short form changes, and what the form does that runs in about a minute.
-    """
+    """One test of a bench, checked."""
 
     name: str
     title: str
     scenarios: tuple[str, ...]
     axes: tuple[str, ...] = ()
     repetitions: int = 1
-    overrides: tuple[str, ...] = ()
-    duration_s: float | None = None
+    overrides: tuple[str, ...] = ()  # settings of the scenarios, as NAME=VALUE
+    duration_s: float | None = None  # length of a run; the scenario's own if None
     plan: str = 'static'
     reference: str = ''
-    storage: str | None = None
-    settings: Mapping[str, str] = field(default_factory=dict)
-    on_request: bool = False
-    also: Also | None = None
+    storage: str | None = None  # format of simulated runs; that of the bench's recorder if None
+    settings: Mapping[str, str] = field(default_factory=dict)  # of the plan
+    on_request: bool = False  # whether it is run only when it is named
+    also: Also | None = None  # more runs of it
+    # by sensor what it is set to in this test, with dotted names
+    sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    # short, live: what its short form changes, and what the form does that runs in about a minute
     short: Mapping[str, Any] = field(default_factory=dict)
     live: Mapping[str, Any] = field(default_factory=dict)
+    form: str = ''  # what its short form has changed
 
     def shortened(self) -> BenchTest:
         """Return the short form of this test; the same if it has none."""
-        return self._changed(self.short)
+        short = self._changed(self.short)
+        changes = '; '.join(_changes(self, short))
+        return replace(short, form=changes)
 
     def made_live(self) -> BenchTest:
         """Return the form of this test that a demo has time for; the same if it has none."""
@@ -168,6 +129,21 @@ class BenchTest:
             yield Run(name, scenario, (*own, *self.overrides, *more), seed + number)
 
 
+def _changes(test: BenchTest, short: BenchTest) -> Iterator[str]:
+    """Say in what a form differs from the test."""
+    if short.duration_s != test.duration_s:
+        own = 'as its scenario has it' if test.duration_s is None else f'{test.duration_s:g} s'
+        yield f'a run of {short.duration_s:g} s instead of {own}'
+    if short.repetitions != test.repetitions:
+        yield f'repetitions {short.repetitions} instead of {test.repetitions}'
+    for name in ('scenarios', 'axes'):
+        one, other = getattr(short, name), getattr(test, name)
+        if one != other:
+            yield f'{name} {", ".join(one)} instead of {", ".join(other) or "their own"}'
+    if added := short.overrides[len(test.overrides) :]:
+        yield f'with {", ".join(added)}'
+
+
 def read_tests(entries: object, where: str, problems: list[str]) -> tuple[BenchTest, ...]:
     """Return the tests that a bench lists; every problem is added to `problems`."""
     if entries is None:
@@ -193,7 +169,8 @@ def _test(entry: object, where: str, problems: list[str]) -> BenchTest | None:
         problems.append(f"{where}: {entry!r} is no test like '- name: static'")
         return None
     given = dict(entry)
-    parts = {name: given.pop(name, None) or {} for name in ('settings', 'also', 'short', 'live')}
+    named = 'settings', 'also', 'sensors', 'short', 'live'
+    parts = {name: given.pop(name, None) or {} for name in named}
     before = len(problems)
     for name, part in parts.items():
         if not isinstance(part, Mapping):
@@ -207,6 +184,9 @@ def _test(entry: object, where: str, problems: list[str]) -> BenchTest | None:
     more = parts['also'] and check_all(
         dict(flatten(parts['also'])), _ALSO, f'{where}.also', problems
     )
+    for name, part in parts['sensors'].items():
+        if not isinstance(part, Mapping):
+            problems.append(f'{where}.sensors.{name}: {part!r} is no mapping of settings')
     if len(problems) > before:
         return None
     duration = values.pop('duration')
@@ -215,6 +195,7 @@ def _test(entry: object, where: str, problems: list[str]) -> BenchTest | None:
         duration_s=None if duration is None else duration[0],
         settings={str(name): str(value) for name, value in parts['settings'].items()},
         also=Also(more['name'], more['scenarios'], more['set']) if more else None,
+        sensors={name: dict(flatten(part)) for name, part in parts['sensors'].items()},
         short=forms['short'],
         live=forms['live'],
         **values,

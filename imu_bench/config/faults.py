@@ -17,6 +17,10 @@ KINDS = {
     'unplugged': 'no answer, and afterwards the chip is at its reset values',
     'stuck': 'a data line is held low; every transfer fails',
     'stretched': 'the chip stretches the clock past the limit; every transfer fails late',
+    'executes_without_ack': 'what is written takes effect, but is not acknowledged',
+    'busy': 'every tenth transfer is not acknowledged, and not carried out',
+    'stuck_fifo': 'a FIFO takes no more samples until it is configured again',
+    'slow_boot': 'off and on, then silent for twice the time of its document, after resets too',
     'permission_denied': 'the device may not be opened any more',
     'wrong_identity': 'another chip is plugged in, and at the end the right one again',
     'brown_out': 'the chip is back at its reset values, silently',
@@ -29,11 +33,14 @@ KINDS = {
 }
 """Every fault there is, and what it stands for."""
 
-ONCE = frozenset({'brown_out', 'bit_error', 'dropped_byte', 'half_frame'})
+ONCE = frozenset({'brown_out', 'stuck_fifo', 'bit_error', 'dropped_byte', 'half_frame'})
 """Those that happen once, however long they are said to last."""
 
 ONLY_ON = {
     'stretched': ('i2c',),
+    'executes_without_ack': ('i2c',),
+    'busy': ('i2c',),
+    'slow_boot': ('i2c', 'spi'),
     'garbage': ('i2c', 'spi', 'frame', 'serial'),
     'bit_error': ('i2c', 'spi', 'frame', 'serial'),
     'bit_errors': ('i2c', 'spi', 'frame', 'serial'),
@@ -50,15 +57,6 @@ class Fault:
     """
     One fault.
 
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    at_s : float
-        Start, in seconds after the sensor was switched on.
-    for_s : float
-        Duration; those of `ONCE` happen once whatever it says.
-
     Raises
     ------
     ConfigError
@@ -72,9 +70,9 @@ class Fault:
     10.0
     """
 
-    kind: str
-    at_s: float = 0.0
-    for_s: float = math.inf
+    kind: str  # one of `KINDS`
+    at_s: float = 0.0  # start, in seconds after the sensor was switched on
+    for_s: float = math.inf  # duration; those of `ONCE` happen once whatever it says
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -87,20 +85,7 @@ class Fault:
 
 
 def parse_fault(text: str) -> Fault:
-    """
-    Return the fault of one entry of a script.
-
-    Raises
-    ------
-    ConfigError
-        If it is not 'kind start_s duration_s'; the duration may be left out where a fault
-        happens once.
-
-    Examples
-    --------
-    >>> parse_fault('unplugged 10 2.5')
-    Fault(kind='unplugged', at_s=10.0, for_s=2.5)
-    """
+    """Return the fault of one entry of a script."""
     kind, *numbers = text.split() or ['']
     if kind not in KINDS:
         close = difflib.get_close_matches(kind, KINDS, n=1, cutoff=0.7)
@@ -133,14 +118,7 @@ class FaultScript(Setting):
         return f"a list of 'kind start_s duration_s' with the kinds {', '.join(KINDS)}"
 
     def check(self, value: object) -> Any:
-        """
-        Return the entries.
-
-        Raises
-        ------
-        ConfigError
-            Naming the entry that is wrong.
-        """
+        """Return the entries."""
         texts = super().check(value)
         script(texts)
         return texts

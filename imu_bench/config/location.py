@@ -36,10 +36,15 @@ def named_file(folder: str, name: str) -> Path:
     """
     if name.endswith('.yaml'):
         return config_file(name)
-    known = {path.stem: path for root in _folders() for path in (root / folder).glob('*.yaml')}
+    known = names_in(folder)
     if name not in known:
         raise ConfigError(f'no {_ONE_OF[folder]} {name!r}; {suggestion(name, known)}')
     return config_file(f'{folder}/{name}.yaml')
+
+
+def names_in(folder: str) -> list[str]:
+    """Return the short names of the files of one of the package's folders."""
+    return sorted({path.stem for root in _folders() for path in (root / folder).glob('*.yaml')})
 
 
 def config_file(name: str) -> Path:

@@ -31,28 +31,6 @@ class Setting:
     """
     One setting: its name, type, default and what it may be.
 
-    Attributes
-    ----------
-    name : str
-        As written in a file; a dot separates levels ('simulation.seed').
-    default : object
-        Value when the setting is not given; `REQUIRED` when it must be.  None
-        means that the setting may be absent and then has no value.
-    description : str
-        One sentence for parameter descriptors and tables.
-    allowed : tuple
-        Every value that is allowed; empty when a range, or nothing, limits it.
-    bounds : (float, float), optional
-        Smallest and largest number, both included, in `unit`; infinite for none.
-    unit : str
-        SI unit of a number; of a quantity the unit its value is converted to.
-    kind : str
-        'bool', 'int', 'float', 'str', 'strs' (list of texts) or 'quantity': a
-        text of number and unit such as '150 µg/√Hz', or a list of three of
-        them, one per axis.  Deduced from the default when not given.
-    changes : bool
-        Whether it may be changed while a node runs.
-
     Examples
     --------
     >>> rate = Setting('rate_hz', 100.0, 'Output data rate.', allowed=(50.0, 100.0))
@@ -63,14 +41,21 @@ class Setting:
     [0.001471]
     """
 
-    name: str
+    name: str  # as written in a file; a dot separates levels ('simulation.seed')
+    # value when the setting is not given; `REQUIRED` when it must be.  None means that the setting
+    # may be absent and then has no value
     default: Any
-    description: str
+    description: str  # one sentence for parameter descriptors and tables
+    # every value that is allowed; empty when a range, or nothing, limits it
     allowed: tuple[Any, ...] = ()
+    # smallest and largest number, both included, in `unit`; infinite for none
     bounds: tuple[float, float] | None = None
-    unit: str = ''
+    unit: str = ''  # SI unit of a number; of a quantity the unit its value is converted to
+    # 'bool', 'int', 'float', 'str', 'strs' (list of texts) or 'quantity': a text of number and
+    # unit such as '150 µg/√Hz', or a list of three of them, one per axis.  Deduced from the
+    # default when not given
     kind: str = ''
-    changes: bool = False
+    changes: bool = False  # whether it may be changed while a node runs
 
     def __post_init__(self) -> None:
         if not self.kind:

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from imu_bench.config.calibration import Affine, CALIBRATION_SETTINGS, corrections
 from imu_bench.config.files import PARAMETERS, read_parameters
+from imu_bench.config.lines import LineSetting
 from imu_bench.config.schema import (
     check_all,
     Checkable,
@@ -21,19 +22,33 @@ from imu_bench.config.schema import (
 )
 from imu_bench.config.simulated import SIMULATION_SETTINGS
 from imu_bench.errors import ConfigError, RecordingError
+from msg_conversions import covariance
+from msg_conversions.quantities import QUANTITIES
 
-BACKENDS = ('hardware', 'emulated', 'recorded')
+BACKENDS = ('hardware', 'emulated', 'recorded', 'iio')
 
-STDDEVS = ('linear_acceleration', 'angular_velocity', 'magnetic_field', 'orientation')
+STDDEVS = tuple(
+    q.name for q in QUANTITIES if q.covariance.stop - q.covariance.start == covariance.SIZE
+)
 
 _POSITIVE = (0.0, inf)
 _STDDEV = 'Standard deviation to publish; 0 for unknown (REP-145).'
 
+# fmt: off
 SENSOR_SETTINGS = (
-    Setting('driver', REQUIRED, "Driver of the sensor, or 'generic' for a simulated source."),
+    Setting('driver', REQUIRED, "Driver of the sensor, 'generic' for a simulated source, 'iio' "
+            'for a driver of the kernel.'),
     Setting('backend', REQUIRED, 'Where the data come from.', allowed=BACKENDS),
-    Setting('bus', '', "Bus of the hardware, such as 'i2c-1', 'spidev0.0' or '/dev/ttyUSB0'."),
+    Setting('bus', '', "Bus of the hardware, such as 'i2c-1', 'spidev0.0' or '/dev/ttyUSB0'; with "
+            "backend iio the kernel's device, such as 'iio:device0' or 'mpu9250'."),
     Setting('address', -1, 'I²C address; -1 for the usual one.', bounds=(-1, 0x77)),
+    Setting('second_address', -1, 'I²C address of the second die, where it is strapped '
+            'otherwise; -1 for like the first.', bounds=(-1, 0x77)),
+    Setting('spi_hz', 0, 'Clock of SPI; 0 for one that loose wires carry.',
+            bounds=(0, 50_000_000), unit='Hz'),
+    LineSetting('data_ready', '', "GPIO line at the sensor's data-ready pin, such as "
+                "'gpiochip0:17'; empty for none: samples are dated by when they are read."),
+    LineSetting('reset_line', '', 'GPIO line at the reset pin of a BNO055; empty for none.'),
     Setting('wire_recording', '', 'File to record the wire to; with backend recorded to play.'),
     Setting('frame_id', '', 'Frame of the data; empty for <name>_link.'),
     Setting('linear_acceleration_stddev', 0.0, _STDDEV, bounds=_POSITIVE, unit='m/s²'),
@@ -43,6 +58,7 @@ SENSOR_SETTINGS = (
     Setting('autostart', True, 'The node configures and activates itself.'),
     *CALIBRATION_SETTINGS,
 )
+# fmt: on
 """What every sensor's file may set."""
 
 ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
@@ -69,59 +85,58 @@ RecordedIn = Callable[[str], Recorded]
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """
-    One sensor of the bench, checked.
+    """One sensor of the bench, checked."""
 
-    Attributes
-    ----------
-    name : str
-        Short name, last part of the namespace: 'mpu9250'.
-    driver : str
-        Name of the driver, or 'generic'.
-    backend : str
-        One of `BACKENDS`.
-    bus : str
-        May be empty for a sensor that is not hardware.
-    address : int or None
-        None for the driver's usual one.
-    frame_id : str
-    autostart : bool
-    settings : mapping
-        The driver's own settings, by name.
-    stddevs : mapping of str to float
-        Per quantity of `STDDEVS`, SI units; 0 for unknown.
-    calibration : mapping of str to Affine
-        Correction of each quantity that has one.
-    simulation : mapping
-        Settings of the simulated world under their names without 'simulation.';
-        quantities are tuples in SI units.  Errors that were not given are absent.
-    wire_recording : str
-        File to which the wire is recorded, or from which it is played; empty for none.
-    recorded_from : str
-        What stood behind a sensor that is played, and when.
-    source : str
-        File it came from, for error texts.
-    """
-
-    name: str
-    driver: str
-    backend: str
-    bus: str = ''
-    address: int | None = None
+    name: str  # short name, last part of the namespace: 'mpu9250'
+    driver: str  # name of the driver, 'generic', or 'iio'
+    backend: str  # one of `BACKENDS`
+    bus: str = ''  # may be empty for a sensor that is not hardware
+    address: int | None = None  # None for the driver's usual one
+    second_address: int | None = None  # that of the second die; None for strapped like the first
+    spi_hz: int | None = None  # None for the driver's usual one
+    data_ready: str = ''  # GPIO chip and line of the data-ready pin; empty for none
+    reset_line: str = ''  # that of the reset pin
     frame_id: str = 'imu_link'
     autostart: bool = True
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)  # the driver's own settings, by name
+    # per quantity of `STDDEVS`, SI units; 0 for unknown
     stddevs: Mapping[str, float] = field(default_factory=dict)
+    # correction of each quantity that has one
     calibration: Mapping[str, Affine] = field(default_factory=dict)
+    # settings of the simulated world under their names without 'simulation.'; quantities are
+    # tuples in SI units.  Errors that were not given are absent
     simulation: Mapping[str, Any] = field(default_factory=dict)
+    # file to which the wire is recorded, or from which it is played; empty for none
     wire_recording: str = ''
-    recorded_from: str = ''
-    source: str = ''
+    recorded_from: str = ''  # what stood behind a sensor that is played, and when
+    source: str = ''  # file it came from, for error texts
 
     @property
     def namespace(self) -> str:
         """Namespace of the sensor's node."""
         return f'/bench/{self.name}'
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """
+        What `imu_bench.bus.opening.open_bus` has to know beside the bus.
+
+        Examples
+        --------
+        >>> SensorConfig('a', 'lsm9ds1', 'hardware', 'i2c-1', second_address=0x1E).place
+        {'address': None, 'second_address': 30, 'spi_hz': None}
+        """
+        return {
+            'address': self.address,
+            'second_address': self.second_address,
+            'spi_hz': self.spi_hz,
+            **{line: getattr(self, line) for line in self.lines},
+        }
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Which of the settings that name a line do so."""
+        return tuple(line for line in ('data_ready', 'reset_line') if getattr(self, line))
 
     @property
     def measured(self) -> bool:
@@ -133,7 +148,8 @@ class SensorConfig:
         >>> SensorConfig('a', 'mpu9250', 'recorded', recorded_from='emulated mpu9250').measured
         False
         """
-        return 'hardware' in (self.backend, self.recorded_from.partition(' ')[0])
+        measured = {self.backend, self.recorded_from.partition(' ')[0]}
+        return not measured.isdisjoint({'hardware', 'iio'})
 
 
 def load_sensor(
@@ -223,11 +239,13 @@ def sensor_from_parameters(
     else:
         own = _unchecked(given, common)
     values = check_all(given, (*SENSOR_SETTINGS, *SIMULATION_SETTINGS, *own), source, problems)
-    if values.get('backend') == 'hardware' and not values.get('bus'):
-        problems.append(f"{source}.bus: missing; a hardware sensor needs one, such as 'i2c-1'")
+    problems += _mismatches(values, source)
     calibration = corrections(values, source, problems)
     raise_if_any(problems)
     settings = {setting.name: values[setting.name] for setting in own}
+    if settings.get('calibration_file') and values['backend'] == 'emulated':
+        # what an emulated chip has found is never restored to a real one
+        settings['calibration_file'] += '.emulated'
     if head is not None:
         differences = head.differences(values['driver'], settings)
         raise_if_any(
@@ -243,6 +261,10 @@ def sensor_from_parameters(
         backend=values['backend'],
         bus=values['bus'],
         address=None if values['address'] < 0 else values['address'],
+        second_address=None if values['second_address'] < 0 else values['second_address'],
+        spi_hz=values['spi_hz'] or None,
+        data_ready=values['data_ready'],
+        reset_line=values['reset_line'],
         frame_id=values['frame_id'] or f'{name}_link',
         autostart=values['autostart'],
         settings=settings,
@@ -257,6 +279,23 @@ def sensor_from_parameters(
         recorded_from='' if head is None else head.origin,
         source=source,
     )
+
+
+def _mismatches(values: Mapping[str, Any], source: str) -> list[str]:
+    """Return what does not go with the backend."""
+    backend, found = values.get('backend', ''), []
+    example = {'hardware': 'i2c-1', 'iio': 'iio:device0'}.get(backend)
+    if example and not values.get('bus'):
+        found.append(f'{source}.bus: missing; a {backend} sensor needs one, such as {example!r}')
+    if 'iio' in (values.get('driver'), backend):
+        if values.get('driver') != backend:
+            found.append(f'{source}.backend: the kernel reads it: backend: iio, driver: iio')
+        if values.get('wire_recording'):
+            found.append(f"{source}.wire_recording: the wire is the kernel's; leave it out")
+    if values.get('calibration_file') and values.get('wire_recording'):
+        why = 'what it holds is not in a wire recording, which could not be played'
+        found.append(f'{source}.calibration_file: {why}; leave one of them out')
+    return found
 
 
 def _head(

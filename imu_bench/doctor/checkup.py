@@ -9,7 +9,8 @@ import math
 from pathlib import PurePosixPath
 from typing import Any
 
-from imu_bench import bench, drivers
+from imu_bench import bench, drivers, wires
+from imu_bench.bus.iio import devices, IioDevice
 from imu_bench.config import BenchConfig, SensorConfig
 from imu_bench.doctor import machine, probing
 from imu_bench.doctor.load import BusLoad, predict, Wire
@@ -29,63 +30,39 @@ USB_HZ = 10e6
 
 CLOCK_STRETCHING = (
     'it stretches the clock, which the I²C hardware of a Raspberry Pi (before the 5) handles '
-    'wrongly: bytes get corrupted. Use its serial line; or put into /boot/firmware/config.txt '
-    'dtoverlay=i2c-gpio,bus=3, a software bus, or dtparam=i2c_arm_baudrate=50000'
+    'wrongly: bytes get corrupted. Use its serial line, or a software bus: '
+    'dtoverlay=i2c-gpio,bus=3 in /boot/firmware/config.txt'
 )
 
 
 @dataclass(frozen=True)
 class SensorCheck:
-    """
-    One sensor of a bench.
+    """One sensor of a bench."""
 
-    Attributes
-    ----------
-    name, label : str
-        The label says what stands behind it.
-    ok : bool
-        Nothing is missing.
-    found : str
-        What it is, or what is missing and what to do.
-    warnings : tuple of str
-    """
-
+    # name, label: the label says what stands behind it
     name: str
     label: str
-    ok: bool
-    found: str
+    ok: bool  # nothing is missing
+    found: str  # what it is, or what is missing and what to do
     warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Checkup:
-    """
-    What was found.
-
-    Attributes
-    ----------
-    model : str
-    scheduling, scheduling_advice : str
-        How the threads that read will be treated; what to do.
-    buses : tuple of Bus
-    lacking : tuple of str
-        What to do about kinds of bus that are switched off.
-    asked : bool
-        Whether anybody was asked who he is.
-    answers : tuple of Answer
-    sensors : tuple of SensorCheck
-    loads : tuple of BusLoad
-    """
+    """What was found."""
 
     model: str
+    # scheduling, scheduling_advice: how the threads that read will be treated; what to do
     scheduling: str
     scheduling_advice: str
     buses: tuple[Bus, ...]
-    lacking: tuple[str, ...] = ()
-    asked: bool = False
+    lacking: tuple[str, ...] = ()  # what to do about kinds of bus that are switched off
+    asked: bool = False  # whether anybody was asked who he is
     answers: tuple[Answer, ...] = ()
     sensors: tuple[SensorCheck, ...] = ()
     loads: tuple[BusLoad, ...] = field(default=())
+    # devices that drivers of the kernel have bound (Industrial I/O), by what they are called
+    kernel: dict[str, str] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
@@ -133,7 +110,7 @@ def examine(
     loads = tuple(predict(wire) for wire in _wires(config, buses, i2c_hz)) if config else ()
     return Checkup(
         machine.model(), *machine.scheduling(), buses, machine.lacking(buses), bool(asked),
-        answers, sensors, loads,
+        answers, sensors, loads, devices(),
     )  # fmt: skip
 
 
@@ -145,7 +122,7 @@ def _checks(sensors: tuple[SensorConfig, ...]) -> tuple[SensorCheck, ...]:
             checks.append(_check(sensor))
             continue
         usual = drivers.load(sensor.driver).wiring[''].i2c_addresses[:1]
-        on_i2c = bench.kind_of_bus(sensor) == 'i2c'
+        on_i2c = wires.kind_of_bus(sensor) == 'i2c'
         address = (sensor.address or usual[0]) if on_i2c else None
         place = PurePosixPath(sensor.bus).name, address
         owner = places.setdefault(place, sensor.name)
@@ -161,6 +138,8 @@ def _check(sensor: SensorConfig) -> SensorCheck:
     label = bench.label(sensor)
     if sensor.backend == 'recorded':
         return SensorCheck(sensor.name, label, True, f'plays {sensor.wire_recording}')
+    if sensor.backend == 'iio':
+        return _check_iio(sensor, label)
     if sensor.backend != 'hardware':
         return SensorCheck(sensor.name, label, True, f'{sensor.backend}: needs no hardware')
     try:
@@ -171,9 +150,19 @@ def _check(sensor: SensorConfig) -> SensorCheck:
         return SensorCheck(sensor.name, label, False, str(error), _warnings(sensor))
 
 
+def _check_iio(sensor: SensorConfig, label: str) -> SensorCheck:
+    """Look whether the kernel has bound such a device, and what it can buffer."""
+    try:
+        device = IioDevice(sensor.bus)
+        channels = ', '.join(device.channels())
+    except BenchError as error:
+        return SensorCheck(sensor.name, label, False, str(error))
+    return SensorCheck(sensor.name, label, True, f'{device.name} {device.called}: {channels}')
+
+
 def _warnings(sensor: SensorConfig) -> tuple[str, ...]:
     wiring = drivers.load(sensor.driver).wiring['']
-    stretches = wiring.i2c_stretches and bench.kind_of_bus(sensor) == 'i2c'
+    stretches = wiring.i2c_stretch_s and wires.kind_of_bus(sensor) == 'i2c'
     return (CLOCK_STRETCHING,) if stretches and machine.mishandles_stretching() else ()
 
 
@@ -181,28 +170,21 @@ def _wires(config: BenchConfig, buses: tuple[Bus, ...], i2c_hz: float) -> list[W
     """Return the buses of a bench; an emulated sensor that names none has one of its own."""
     shared: dict[str, dict[str, SensorConfig]] = {}
     for sensor in config.sensors:
-        if sensor.driver == bench.GENERIC or sensor.backend == 'recorded':
+        if sensor.driver in (bench.GENERIC, bench.IIO) or sensor.backend == 'recorded':
             continue  # no wire at all
-        if bench.kind_of_bus(sensor) == 'daqhat':
-            continue  # none that anybody knows
-        shared.setdefault(_wire_name(sensor), {})[sensor.name] = sensor
+        if wires.kind_of_bus(sensor) == 'daqhat':
+            continue  # None that anybody knows
+        kind = wires.kind_of_bus(sensor)
+        name = wires.wire_of(sensor) or f'emulated {kind} of {sensor.name}'
+        shared.setdefault(name, {})[sensor.name] = sensor
     known = {PurePosixPath(bus.device).name: bus for bus in buses}
     return [_wire(name, sensors, known, i2c_hz) for name, sensors in shared.items()]
-
-
-def _wire_name(sensor: SensorConfig) -> str:
-    kinds = drivers.load(sensor.driver).bus_kinds
-    if sensor.bus in ('', *kinds):
-        return f'emulated {bench.kind_of_bus(sensor)} of {sensor.name}'
-    name = PurePosixPath(sensor.bus).name
-    # chip selects share the wires of one controller
-    return name.partition('.')[0] if bench.kind_of_bus(sensor) in ('spi', 'frame') else name
 
 
 def _wire(
     name: str, sensors: Mapping[str, SensorConfig], known: Mapping[str, Bus], i2c_hz: float
 ) -> Wire:
-    kind = bench.kind_of_bus(next(iter(sensors.values())))
+    kind = wires.kind_of_bus(next(iter(sensors.values())))
     if kind == 'i2c':
         speed_hz, source = _i2c_speed(name, sensors, known, i2c_hz)
         timings = dict.fromkeys(sensors, Timing.i2c(speed_hz))
@@ -212,8 +194,9 @@ def _wire(
         baud = round(10e9 / next(iter(timings.values())).byte_ns)
         source = 'USB' if baud == USB_HZ else 'as set'
         return Wire(name, kind, float(baud), source, sensors, timings)
-    fastest = max(drivers.load(one.driver).wiring[''].spi_max_hz for one in sensors.values())
-    return Wire(name, 'spi', float(fastest), 'of the chips', sensors, timings)
+    fastest = max(_spi_hz(one) for one in sensors.values())
+    source = 'as set' if any(one.spi_hz for one in sensors.values()) else 'usual'
+    return Wire(name, 'spi', float(fastest), source, sensors, timings)
 
 
 def _i2c_speed(
@@ -229,9 +212,13 @@ def _i2c_speed(
 
 
 def _timing(sensor: SensorConfig) -> Timing:
-    kind, wiring = bench.kind_of_bus(sensor), drivers.load(sensor.driver).wiring['']
+    kind, wiring = wires.kind_of_bus(sensor), drivers.load(sensor.driver).wiring['']
     if kind == 'serial':
         baud = sensor.settings.get('baud', wiring.serial_baud)
         return Timing.serial(float(baud or USB_HZ))
     make = Timing.frames if kind == 'frame' else Timing.spi
-    return make(float(wiring.spi_max_hz))
+    return make(float(_spi_hz(sensor)))
+
+
+def _spi_hz(sensor: SensorConfig) -> int:
+    return sensor.spi_hz or drivers.load(sensor.driver).wiring[''].spi_clock_hz

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
-from imu_bench import bench, drivers
+from imu_bench import bench, drivers, wires
 from imu_bench.config import SensorConfig
 from imu_bench.doctor.metering import Meter, metered
 from imu_bench.drivers.driver import Driver
@@ -36,28 +36,14 @@ _FREE = Timing(byte_ns=0.0, read_header=0, write_header=0, overhead_ns=0.0)
 
 @dataclass(frozen=True)
 class Demand:
-    """
-    What one sensor asks of its wire.
+    """What one sensor asks of its wire."""
 
-    Attributes
-    ----------
-    kind : str
-        Kind of its bus.
-    rate_hz : float
-        Of its main stream, as set.
-    look_period_s : float
-        How often its driver reads.
-    per_second : ndarray, shape (4,)
-        Transfers, counted as in `imu_bench.doctor.metering.Meter`.
-    depth_s : float
-        For so long nobody has to look before samples are lost; `math.inf` beyond 2 s.
-    """
-
-    kind: str
-    rate_hz: float
-    look_period_s: float
+    kind: str  # kind of its bus
+    rate_hz: float  # of its main stream, as set
+    look_period_s: float  # how often its driver reads
+    # transfers, counted as in `imu_bench.doctor.metering.Meter`
     per_second: npt.NDArray[np.float64]
-    depth_s: float
+    depth_s: float  # for so long nobody has to look before samples are lost; `math.inf` beyond 2 s
 
     @property
     def has_fifo(self) -> bool:
@@ -114,28 +100,15 @@ class _Alone:
 
 
 def demand_of(sensor: SensorConfig) -> Demand | None:
-    """
-    Return what a sensor asks of its wire; None for a generic source, which has none.
-
-    Raises
-    ------
-    BenchError
-        If driver and settings do not go together.
-
-    Examples
-    --------
-    >>> found = demand_of(SensorConfig('left', 'mpu9250', 'emulated'))
-    >>> found.rate_hz, found.has_fifo, 36 < 1e3 * found.depth_s < 38
-    (1000.0, True, True)
-    """
-    if sensor.driver == bench.GENERIC:
+    """Return what a sensor asks of its wire; None for a generic source, which has none."""
+    if sensor.driver in (bench.GENERIC, bench.IIO):
         return None
     alone = _Alone(sensor)
     driver = alone.driver
     per_second = alone.count()
     # what the host has to ask for is not there when it asks too late
     depth_s = driver.poll_period_s if driver.paced else _depth_s(alone)
-    kind = bench.kind_of_bus(sensor)
+    kind = wires.kind_of_bus(sensor)
     return Demand(kind, driver.rate_hz, driver.poll_period_s, per_second, depth_s)
 
 

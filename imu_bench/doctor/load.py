@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from imu_bench import drivers
 from imu_bench.config import SensorConfig
 from imu_bench.doctor.demand import Demand, demand_of
 from imu_bench.doctor.metering import seconds, wire_bytes
@@ -21,31 +22,15 @@ KEPT = 0.98
 
 @dataclass(frozen=True)
 class Share:
-    """
-    What one sensor gets and costs on its bus.
-
-    Attributes
-    ----------
-    name : str
-    nominal_hz, predicted_hz : float
-    look_period_s : float
-        How often its driver wants to read.
-    bytes_per_s : float
-        On the wire, with addresses and register numbers.
-    busy : float
-        Seconds of bus time per second, if everything fits.
-    depth_s : float
-        How long the FIFO, or the register, holds out.
-    has_fifo : bool
-    """
+    """What one sensor gets and costs on its bus."""
 
     name: str
     nominal_hz: float
     predicted_hz: float
-    look_period_s: float
-    bytes_per_s: float
-    busy: float
-    depth_s: float
+    look_period_s: float  # how often its driver wants to read
+    bytes_per_s: float  # on the wire, with addresses and register numbers
+    busy: float  # seconds of bus time per second, if everything fits
+    depth_s: float  # how long the FIFO, or the register, holds out
     has_fifo: bool
 
     @property
@@ -56,23 +41,12 @@ class Share:
 
 @dataclass(frozen=True)
 class BusLoad:
-    """
-    One bus with its sensors.
-
-    Attributes
-    ----------
-    name, kind : str
-    speed_hz : float
-        0 where that means nothing.
-    speed_source : str
-        How it is known.
-    shares : tuple of Share
-    """
+    """One bus with its sensors."""
 
     name: str
     kind: str
-    speed_hz: float
-    speed_source: str
+    speed_hz: float  # 0 where that means nothing
+    speed_source: str  # how it is known
     shares: tuple[Share, ...]
 
     @property
@@ -88,50 +62,26 @@ class BusLoad:
 
 @dataclass(frozen=True)
 class Wire:
-    """
-    A bus of a bench before anything is known about its load.
-
-    Attributes
-    ----------
-    name, kind : str
-    speed_hz : float
-    speed_source : str
-    sensors : mapping of str to SensorConfig
-    timings : mapping of str to Timing
-        By sensor: chips on one SPI bus have clocks of their own.
-    """
+    """A bus of a bench before anything is known about its load."""
 
     name: str
     kind: str
     speed_hz: float
     speed_source: str
     sensors: Mapping[str, SensorConfig]
-    timings: Mapping[str, Timing]
+    timings: Mapping[str, Timing]  # by sensor: chips on one SPI bus have clocks of their own
 
 
 def predict(wire: Wire) -> BusLoad:
-    """
-    Return what a bus makes of its sensors.
-
-    Raises
-    ------
-    BenchError
-        If driver and settings do not go together.
-
-    Examples
-    --------
-    >>> from imu_bench.config import SensorConfig
-    >>> sensor = SensorConfig('left', 'bno055', 'emulated')
-    >>> on = Wire('i2c-1', 'i2c', 400e3, 'given', dict(left=sensor), dict(left=Timing.i2c(400e3)))
-    >>> bus = predict(on)
-    >>> f'{100 * bus.busy:.0f} %', bus.shares[0].predicted_hz, bus.shares[0].has_fifo
-    ('12 %', 100.0, False)
-    """
+    """Return what a bus makes of its sensors."""
     demands: dict[str, Demand] = {}
     for name, sensor in wire.sensors.items():
         if (demand := demand_of(sensor)) is not None:
             demands[name] = demand
-    busy = {name: seconds(one.per_second, wire.timings[name]) for name, one in demands.items()}
+    busy = {
+        name: seconds(one.per_second, wire.timings[name], _stretch_s(wire, name))
+        for name, one in demands.items()
+    }
     rates = {name: demand.rate_hz for name, demand in demands.items()}
     shared = {'i2c', 'spi', 'frame'}
     if wire.kind in shared and sum(busy.values()) > SURELY_FITS:
@@ -150,3 +100,9 @@ def predict(wire: Wire) -> BusLoad:
         for name, demand in demands.items()
     )
     return BusLoad(wire.name, wire.kind, wire.speed_hz, wire.speed_source, shares)
+
+
+def _stretch_s(wire: Wire, name: str) -> float:
+    """Return for how long a chip holds the clock after each byte of data."""
+    wiring = drivers.load(wire.sensors[name].driver).wiring['']
+    return wiring.i2c_stretch_s if wire.timings[name].stretchable else 0.0

@@ -29,37 +29,21 @@ LINES = {
 """What a Raspberry Pi needs so that it has such a bus."""
 
 LIMITS = (
-    'put "@i2c - rtprio 10" into /etc/security/limits.d/imu_bench.conf (for your group), then '
-    'log in again'
+    'put "@i2c - rtprio 10" into /etc/security/limits.d/imu_bench.conf (for your group; '
+    'imu-bench doctor --setup prints all that is needed), then log in again'
 )
 
 
 @dataclass(frozen=True)
 class Bus:
-    """
-    One device file.
+    """One device file."""
 
-    Attributes
-    ----------
-    device : str
-        '/dev/i2c-1'.
-    kind : str
-        'i2c', 'spi' or 'serial'.
-    adapter : str
-        What its kernel driver calls it; '' where it does not.
-    group : str
-    accessible : bool
-        Whether this user may read and write.
-    speed_hz : float
-        Of I²C, from the device tree; 0 if it is not there.
-    """
-
-    device: str
-    kind: str
-    adapter: str
+    device: str  # '/dev/i2c-1'
+    kind: str  # 'i2c', 'spi' or 'serial'
+    adapter: str  # what its kernel driver calls it; '' where it does not
     group: str
-    accessible: bool
-    speed_hz: float
+    accessible: bool  # whether this user may read and write
+    speed_hz: float  # of I²C, from the device tree; 0 if it is not there
 
     @property
     def advice(self) -> str:

@@ -14,16 +14,10 @@ if TYPE_CHECKING:
 
 
 class Meter:
-    """
-    How many transfers, and of how many bytes.
-
-    Attributes
-    ----------
-    counts : ndarray of float64, shape (4,)
-        Reads, bytes read, writes, bytes written; headers are not among the bytes.
-    """
+    """How many transfers, and of how many bytes."""
 
     def __init__(self) -> None:
+        # reads, bytes read, writes, bytes written; headers are not among the bytes
         self.counts = np.zeros(4)
 
     def read(self, length: int) -> None:
@@ -35,19 +29,12 @@ class Meter:
         self.counts[2:] += 1, length
 
 
-def seconds(counts: npt.NDArray[np.float64], timing: Timing) -> float:
-    """
-    Return how long transfers keep a wire busy.
-
-    Examples
-    --------
-    >>> from imu_bench.emulators.line import Timing
-    >>> round(1e6 * seconds(np.array([1, 14, 0, 0]), Timing.i2c(400e3)), 3)
-    390.0
-    """
+def seconds(counts: npt.NDArray[np.float64], timing: Timing, stretch_s: float = 0.0) -> float:
+    """Return how long transfers keep a wire busy, with a chip that stretches each byte of data."""
     reads, bytes_read, writes, bytes_written = counts
     ns = reads * timing.read_ns(0) + writes * timing.write_ns(0)
-    return float(ns + (bytes_read + bytes_written) * timing.byte_ns) * 1e-9
+    data = bytes_read + bytes_written
+    return float(ns + data * timing.byte_ns) * 1e-9 + float(data) * stretch_s
 
 
 def wire_bytes(counts: npt.NDArray[np.float64], timing: Timing) -> float:
@@ -118,13 +105,13 @@ class MeteredStream(_Metered):
 
 
 def metered(buses: Mapping[str, Any], meter: Meter) -> dict[str, Any]:
-    """Return buses that count; a board hides its wire and is returned as it is."""
+    """Return buses that count; a board hides its wire, and a line is on none."""
     return {part: _kind(wire)(wire, meter) for part, wire in buses.items()}
 
 
 def _kind(wire: Any) -> Any:
-    if hasattr(wire, 'scan'):
-        return lambda board, meter: board
+    if any(hasattr(wire, of_no_wire) for of_no_wire in ('scan', 'edges', 'drive')):
+        return lambda apart, meter: apart
     if hasattr(wire, 'baud'):
         return MeteredStream
     return MeteredFrames if hasattr(wire, 'transfer') else MeteredRegisters

@@ -42,27 +42,13 @@ _WIDTH = {1: 2, 2: 4, 3: 6}
 
 @dataclass(frozen=True)
 class Answer:
-    """
-    What is at one place.
-
-    Attributes
-    ----------
-    device : str
-    address : int or None
-        On I²C.
-    state : str
-        'known', 'unknown', 'in use', 'kernel driver', or 'failed'.
-    what : str
-        The part, or why it is not known.
-    drivers : tuple of str
-        Those that know it.
-    """
+    """What is at one place."""
 
     device: str
-    address: int | None
-    state: str
-    what: str
-    drivers: tuple[str, ...] = ()
+    address: int | None  # on I²C
+    state: str  # 'known', 'unknown', 'in use', 'kernel driver', or 'failed'
+    what: str  # the part, or why it is not known
+    drivers: tuple[str, ...] = ()  # those that know it
 
 
 @dataclass(frozen=True)
@@ -76,14 +62,7 @@ class _Candidate:
 
 
 def scan(bus: Bus) -> list[Answer]:
-    """
-    Return who answers on a bus; on a serial line nobody is asked.
-
-    Parameters
-    ----------
-    bus : Bus
-        That may be opened.
-    """
+    """Return who answers on a bus; on a serial line nobody is asked."""
     if bus.kind == 'i2c':
         return list(_scan_i2c(bus.device))
     return list(_scan_spi(bus.device)) if bus.kind == 'spi' else []
@@ -212,26 +191,10 @@ def _ask(candidates: list[_Candidate], opened: Any) -> tuple[str, str, tuple[str
 
 
 def check(sensor: SensorConfig) -> str:
-    """
-    Return what the hardware of a sensor is.
-
-    Parameters
-    ----------
-    sensor : SensorConfig
-        With the backend 'hardware'.
-
-    Raises
-    ------
-    BusError
-        If its bus cannot be opened, or nothing answers there.
-    IdentityError
-        If something else answers.
-    NotReady
-        If it cannot be asked without changing what it does.
-    """
+    """Return what the hardware of a sensor is."""
     driver = drivers.load(sensor.driver)
     kind = kind_among(sensor.bus, driver.bus_kinds)
-    buses = open_bus(sensor.bus, driver.wiring, driver.bus_kinds, sensor.address, patience_s=0.0)
+    buses = open_bus(sensor.bus, driver.wiring, driver.bus_kinds, patience_s=0.0, **sensor.place)
     try:
         return _identified(driver, buses, kind, sensor)
     except IdentityError as error:

@@ -7,6 +7,7 @@ A driver exists because its file exists: nothing is registered anywhere.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib import import_module
 from pkgutil import iter_modules
 
@@ -53,3 +54,16 @@ def load(name: str) -> type[Driver]:
     if len(found) != 1:
         raise ConfigError(f'{module.__name__} must define exactly one Driver, it has {len(found)}')
     return found[0]
+
+
+def check_lines(name: str, lines: Iterable[str], source: str) -> None:
+    """Refuse lines at pins that a sensor does not have."""
+    for line in lines:
+        pin = {'data_ready': 'data_ready_pin', 'reset_line': 'reset_pin'}[line]
+        having = [driver for driver in names() if getattr(load(driver), pin)]
+        if name not in having:
+            where = f'{source}.{line}'.lstrip('.')
+            raise ConfigError(
+                f'{where}: a {name} has no such pin that is used; leave it out '
+                f'({", ".join(having)})'
+            )

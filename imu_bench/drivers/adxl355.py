@@ -20,13 +20,13 @@ clears the overrun flag.  The ADXL357 has the same part number; its ranges are f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, TypeVar
 
 from imu_bench.bus.interface import Clock
 from imu_bench.bus.wiring import Wiring
 from imu_bench.drivers.driver import choice, FifoDriver, Identity, Setting, Typical, Witness
-from imu_bench.errors import BusError, FrameError
+from imu_bench.errors import BusError, FrameError, NoAnswer
 from imu_bench.registers import (
     Codes,
     Field,
@@ -44,6 +44,7 @@ from imu_bench.samples import Samples
 from imu_bench.units import STANDARD_GRAVITY
 import numpy as np
 
+_Answer = TypeVar('_Answer')
 G = STANDARD_GRAVITY
 BEHIND = 3
 """Entries that may wait behind the 96 of the FIFO (DS, STATUS register)."""
@@ -67,6 +68,8 @@ class Adxl355(FifoDriver):
     title = 'Analog Devices ADXL355'
     document = 'ADXL354/ADXL355 rev. C'
     bus_kinds = ('i2c', 'spi')
+    data_ready_pin = 'INT1'
+    rises_at_watermark = True
     start_up_s = 0.01  # DS table 1: power-on to standby
     wiring: ClassVar[Mapping[str, Wiring]] = {
         # DS, serial communications; the address stands above the read bit on SPI
@@ -113,6 +116,7 @@ class Adxl355(FifoDriver):
         FILTER, (3, 0), Codes({4000.0: 0, 2000.0: 1, 1000.0: 2, 500.0: 3, 250.0: 4, 125.0: 5,
                                62.5: 6, 31.25: 7, 15.625: 8, 7.813: 9, 3.906: 10}), 'Hz')
     # fmt: on
+    full_interrupt = Field(INT_MAP, 1)
     fast_i2c = Field(RANGE, 7)
     interrupt_polarity = Field(RANGE, 6)
     accelerometer_range = Field(RANGE, (1, 0), Codes({2.0: 1, 4.0: 2, 8.0: 3}), 'g')
@@ -140,6 +144,7 @@ class Adxl355(FifoDriver):
     )
     fifo = Fifo(
         port=FIFO_DATA, frame=Frame(acceleration), depth=32, count=FIFO_ENTRIES, units=3,
+        pin=(full_interrupt, FIFO_SAMPLES, interrupt_polarity),
         overrun=fifo_overrun, rate=sample_rate, runs=(mode, 'measurement'), low_pass=0.25,
         marks=bytes([0, 0, TAG, 0, 0, 0, 0, 0, 0]), empty=bytes([0, 0, EMPTY]),
     )
@@ -158,7 +163,7 @@ class Adxl355(FifoDriver):
     reset_steps = (
         Write({soft_reset: 'reset'}),
         Wait(0.005, 'no time given; as Linux'),
-        Until(nvm_busy, 0, 0.1),
+        Until(nvm_busy, 0, 1.0),
     )
     start_steps = stop_steps = (Write({mode: 'standby'}),)
     measure_steps = (Write({mode: 'measurement'}),)
@@ -194,7 +199,12 @@ class Adxl355(FifoDriver):
 
     def assignments(self) -> dict[Any, Value]:
         """Return the settings, without a high-pass."""
-        return {**super().assignments(), self.sample_rate: self.rate_hz, self.high_pass: 0.0}
+        wanted = {**super().assignments(), self.sample_rate: self.rate_hz, self.high_pass: 0.0}
+        if self.edges is None:
+            return wanted
+        entries = self.fifo.units * self.watermark()
+        line = {self.FIFO_SAMPLES: entries, self.full_interrupt: 1}
+        return {**wanted, **line, self.interrupt_polarity: 1}
 
     def configure(self) -> None:
         """Reset until the shadow registers are as before, check the identity, configure."""
@@ -227,7 +237,7 @@ class Adxl355(FifoDriver):
         """Return everything new; nothing that was in the FIFO when it ran over."""
         if self.torn or not self.configured:
             self.restart()
-        head, latched = self.latch(self.STATUS, 4)
+        head, latched = _twice(self.latch, self.STATUS, 4)
         status, entries = head[0], head[1]
         self.check_level(self.FIFO_ENTRIES, entries, self.fifo.capacity + BEHIND)
         if status & self.fifo_overrun.mask:
@@ -259,7 +269,7 @@ class Adxl355(FifoDriver):
         return []
 
     def _burst(self, n: int) -> np.ndarray:
-        data = self.registers.burst(self.FIFO_DATA, n * self.fifo.frame.size)
+        data = _twice(self.registers.burst, self.FIFO_DATA, n * self.fifo.frame.size)
         tags = np.frombuffer(data, np.uint8).reshape(-1, 3, 3)[:, :, 2] & (TAG | EMPTY)
         if (tags != (TAG, 0, 0)).any():
             self.counters['tag_errors'] += 1
@@ -278,3 +288,16 @@ class Adxl355(FifoDriver):
             return []
         celsius = self.temperature.decode(np.full(len(stamps), temperature))
         return [Samples(stamps, **self.decode(words, self.acceleration), temperature=celsius)]
+
+
+def _twice(ask: Callable[..., _Answer], *what: Any) -> _Answer:
+    """
+    Ask once more for what was not acknowledged.
+
+    In a read the chip acknowledges its address alone (NXP UM10204, section 3.1.6): where it does
+    not, nothing was taken out of the FIFO.
+    """
+    try:
+        return ask(*what)
+    except NoAnswer:
+        return ask(*what)

@@ -48,6 +48,7 @@ class Iim42652(FifoDriver):
     title = 'TDK InvenSense IIM-42652'
     document = 'DS-000401 rev. 1.2'
     bus_kinds = ('i2c', 'spi')
+    data_ready_pin = 'INT1'
     wiring: ClassVar[Mapping[str, Wiring]] = {
         # DS sections 9.3, 9.6
         '': Wiring(i2c_addresses=(0x68, 0x69), spi_max_hz=24_000_000),
@@ -154,6 +155,9 @@ class Iim42652(FifoDriver):
     fifo_temperature = Field(FIFO_CONFIG1, 2)
     fifo_gyroscope = Field(FIFO_CONFIG1, 1)
     fifo_accelerometer = Field(FIFO_CONFIG1, 0)
+    interrupt_push_pull = Field(INT_CONFIG, 1)
+    interrupt_active_high = Field(INT_CONFIG, 0)
+    data_ready_interrupt = Field(INT_SOURCE0, 3)
     short_pulse = Field(INT_CONFIG1, 6)
     no_deassertion = Field(INT_CONFIG1, 5)
     asynchronous_reset = Field(INT_CONFIG1, 4)
@@ -206,7 +210,7 @@ class Iim42652(FifoDriver):
     reset_steps = (
         Write({soft_reset: 1}),
         Wait(0.001, 'DS section 14.1'),
-        Until(reset_done, 1, 0.1),
+        Until(reset_done, 1, 1.0),
     )
     power_steps = (
         Write({gyroscope_mode: 'low noise', accelerometer_mode: 'low noise'}),
@@ -283,6 +287,7 @@ class Iim42652(FifoDriver):
     def assignments(self) -> dict[Any, Value]:
         """Return the settings, and what the stream needs."""
         fast = int(self.rate_hz >= 4000.0)  # DS section 14.50: both bits from 4 kHz on
+        wired = int(self.edges is not None)
         return {
             self.i3c: 0,
             self.hold_last_data: 0,
@@ -297,6 +302,8 @@ class Iim42652(FifoDriver):
             **dict.fromkeys((self.fifo_gyroscope, self.fifo_accelerometer), 1),
             **dict.fromkeys((self.short_pulse, self.no_deassertion), fast),
             self.asynchronous_reset: 0,
+            **dict.fromkeys((self.interrupt_push_pull, self.interrupt_active_high), wired),
+            self.data_ready_interrupt: wired,
         }
 
     def configure(self) -> None:
@@ -356,6 +363,7 @@ class Iim42652(FifoDriver):
         if invalid.any():
             self.counters['invalid'] += int(invalid.sum())
             self.continuity += 1
+            self.edge = None
             packets, stamps = packets[~invalid], stamps[~invalid]
         if not len(packets):
             return []

@@ -16,7 +16,7 @@ from contextlib import suppress
 from typing import Any, ClassVar
 
 from imu_bench.bus.interface import Clock
-from imu_bench.bus.lookout import Lookout
+from imu_bench.bus.polled_quantity import PolledQuantity
 from imu_bench.bus.slots import SlotFifo
 from imu_bench.bus.wiring import Wiring
 from imu_bench.drivers.driver import choice, Identity, Setting, SlotDriver, Typical, Witness
@@ -58,6 +58,7 @@ class Lsm303dlhc(SlotDriver):
     title = 'ST LSM303DLHC'
     document = 'Doc ID 018771 rev. 1'
     bus_kinds = ('i2c',)
+    data_ready_pin = 'INT1'
     wiring: ClassVar[Mapping[str, Wiring]] = {
         # DS sections 5.1.2, 5.1.3: bit 7 lets the accelerometer increment, the other does so
         '': Wiring(i2c_addresses=(0x19,), i2c_increment=0x80),
@@ -107,6 +108,7 @@ class Lsm303dlhc(SlotDriver):
                1344.0: 9}), 'Hz')
     low_power = Field(CTRL_REG1_A, 3)
     axes_enabled = Field(CTRL_REG1_A, (2, 0))
+    watermark_interrupt = Field(CTRL_REG3_A, 2)
     block_update = Field(CTRL_REG4_A, 7)
     accelerometer_range = Field(
         CTRL_REG4_A, (5, 4), Codes({2.0: 0, 4.0: 1, 8.0: 2, 16.0: 3}), 'g')
@@ -179,6 +181,7 @@ class Lsm303dlhc(SlotDriver):
     reset_steps = (
         Write({CTRL_REG5_A: 0x80}),
         Wait(0.005, 'DS gives no time; as is usual with relatives'),
+        Until(boot, 0, 1.0),
         Write(
             {
                 CTRL_REG1_A: 0x07,
@@ -239,13 +242,15 @@ class Lsm303dlhc(SlotDriver):
             running=self.fifo_mode.insert(0, 'stream'),
             level=self.fifo_level, overrun=self.fifo_overrun, first=self.OUT_A,
             frame=Frame(self.acceleration), depth=self.depth, rate_hz=self.rate_hz,
+            edges=self.edges,
         )  # fmt: skip
-        self._field = Lookout(clock, float(self.values['magnetometer_rate_hz']))
+        self._field = PolledQuantity(clock, float(self.values['magnetometer_rate_hz']))
         self._field_frame = Frame(self.magnetic_field)
         rate = self._field.rate_hz
         self.rates_hz = {'magnetic_field': rate, 'temperature': rate} if rate else {}
         self._last_field = b''
         self._ready_stays = False
+        self.fifo.rise_at(self.watermark())
 
     @property
     def poll_period_s(self) -> float:
@@ -262,6 +267,7 @@ class Lsm303dlhc(SlotDriver):
             self.block_update: 1,
             self.high_resolution: 1,
             self.CTRL_REG2_A: 0x00,
+            self.watermark_interrupt: int(self.edges is not None),
             self.CTRL_REG5_A: 0x40,  # FIFO
             **self._magnetometer_assignments(),
         }

@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any, ClassVar
 
 from imu_bench.bus.interface import Clock
-from imu_bench.bus.lookout import Lookout
+from imu_bench.bus.polled_quantity import PolledQuantity
 from imu_bench.bus.slots import SlotFifo
 from imu_bench.bus.wiring import Wiring
 from imu_bench.drivers.driver import choice, Identity, Setting, SlotDriver, Typical, Witness
@@ -27,6 +27,7 @@ import numpy as np
 G = STANDARD_GRAVITY
 MAG = 'magnetometer'
 SLOTS = 32  # DS section 3.5
+TRIED = 4  # slots, to find out how they are read
 UNDRIVEN = 0xFF  # SPI has no acknowledge: what nobody drives reads ones
 TEMPERATURE_HZ = 59.5  # with the gyroscope on: DS, temperature sensor characteristics
 
@@ -47,6 +48,7 @@ class Lsm9ds1(SlotDriver):
     title = 'ST LSM9DS1'
     document = 'DocID025715 rev. 2'
     bus_kinds = ('i2c', 'spi')
+    data_ready_pin = 'INT1_A/G'
     wiring: ClassVar[Mapping[str, Wiring]] = {
         # DS tables 19 and 20; CTRL_REG8 lets the main die increment.  SDO low is the usual one
         # here, because that is clear of an LSM303DLHC, whose magnetometer is at 0x1E too
@@ -135,6 +137,7 @@ class Lsm9ds1(SlotDriver):
         Codes({'bypass': 0, 'fifo': 1, 'continuous to fifo': 3, 'bypass to continuous': 4,
                'continuous': 6}))
     fifo_threshold = Field(FIFO_CTRL, (4, 0))
+    threshold_interrupt = Field(INT1_CTRL, 3)
     fifo_reached = Field(FIFO_SRC, 7)
     fifo_overrun = Field(FIFO_SRC, 6)
     fifo_level = Field(FIFO_SRC, (5, 0))
@@ -176,12 +179,13 @@ class Lsm9ds1(SlotDriver):
         scaled_by=gyroscope_range, axes=((-1, 0, 0), (0, 1, 0), (0, 0, 1)),
         si_per_lsb={245.0: 8.75e-3 * DEGREE, 500.0: 17.5e-3 * DEGREE, 2000.0: 70e-3 * DEGREE},
     )
-    # Linux (st_magn) has 0.146, 0.292, 0.438 and 0.584 mG, which DS seems to have cut off
+    # DS prints 0.14, 0.29, 0.43 and 0.58 mG: two digits, cut off, of one over 6842, 3421, 2281 and
+    # 1711 LSB/G.  Those are the LIS3MDL's, the same die (identity 3Dh); Linux has them for both
+    # (st_magn_core.c, commit 062809ef7733: 146, 292, 438, 584 µG), and ±4 G are then 27368 LSB
     magnetic_field = Vector(
         first=OUT_M, quantity='magnetic_field', unit='T', dtype='<i2',
         scaled_by=magnetometer_range,
-        si_per_lsb={4.0: 0.14e-3 * GAUSS, 8.0: 0.29e-3 * GAUSS,
-                    12.0: 0.43e-3 * GAUSS, 16.0: 0.58e-3 * GAUSS},
+        si_per_lsb={4.0: GAUSS / 6842, 8.0: GAUSS / 3421, 12.0: GAUSS / 2281, 16.0: GAUSS / 1711},
     )
     temperature = Scalar(  # 12 bit, sign extended
         first=OUT_TEMP, quantity='temperature', unit='°C', dtype='<i2', si_per_lsb=1 / 16,
@@ -206,16 +210,22 @@ class Lsm9ds1(SlotDriver):
         choice('magnetometer_quality', magnetometer_quality, 'ultra-high', 'Noise, for current.'),
     )
     # fmt: on
-    counter_names = ('magnetometer_lost',)
+    counter_names = ('magnetometer_lost', 'slots_apart')
 
     # --- sequences (DS section 3.5; no document gives the time of a reset) ------------------
-    reset_steps = (Write({CTRL_REG8: 0x05}), Wait(0.01, "as in Adafruit's driver"))
+    reset_steps = (Write({software_reset: 1, increment: 1}), Wait(0.01, "as in Adafruit's driver"))
     magnetometer_reset_steps = (Write({CTRL_REG2_M: 0x0C}), Wait(0.01, 'likewise'))
     start_steps = (
         Write({fifo_mode: 'bypass', fifo_threshold: 0}),
         Write({fifo_mode: 'continuous', fifo_threshold: 0}),
     )
     stop_steps = (Write({fifo_mode: 'bypass', fifo_threshold: 0}),)
+    filling_steps = (
+        Write({fifo_mode: 'bypass', fifo_threshold: 0}),
+        Write({sample_rate: 952.0}),
+        Write({fifo_mode: 'fifo', fifo_threshold: 0}),
+        Wait(0.04, '32 slots at 952 Hz'),
+    )
 
     # --- typical values (DS table 3; it gives no noise) ----------------------------------
     # fmt: off
@@ -227,7 +237,7 @@ class Lsm9ds1(SlotDriver):
             'DS table 3 and register CTRL_REG1_G', bandwidth=100.0, range=2000 * DEGREE,
             resolution=70e-3 * DEGREE, bias=30 * DEGREE),
         'magnetic_field': Typical(
-            'DS table 3', range=4 * GAUSS, resolution=0.14e-3 * GAUSS, bias=1 * GAUSS),
+            'DS table 3', range=4 * GAUSS, resolution=GAUSS / 6842, bias=1 * GAUSS),
         'temperature': Typical('DS, temperature sensor characteristics', resolution=1 / 16),
     }
 
@@ -242,18 +252,18 @@ class Lsm9ds1(SlotDriver):
                 '1000 at 8.75 m°/s, x turned round', 245.0),
         Witness(angular_velocity, '0000d0070000', (0, 0.610865, 0), '2000 at 17.5 m°/s', 500.0),
         Witness(angular_velocity, '00000000e803', (0, 0, 1.221730), '1000 at 70 m°/s', 2000.0),
-        Witness(magnetic_field, 'f30d00000000', (49.994e-6, 0, 0), '3571 at 0.14 mG', 4.0),
-        Witness(magnetic_field, '0000e8030000', (0, 29e-6, 0), '1000 at 0.29 mG', 8.0),
-        Witness(magnetic_field, '0000000018fc', (0, 0, -43e-6), '-1000 at 0.43 mG', 12.0),
-        Witness(magnetic_field, 'e80300000000', (58e-6, 0, 0), '1000 at 0.58 mG', 16.0),
+        Witness(magnetic_field, '5d0d00000000', (50e-6, 0, 0), '3421 of 6842 LSB/G', 4.0),
+        Witness(magnetic_field, '00005d0d0000', (0, 100e-6, 0), '3421 LSB/G', 8.0),
+        Witness(magnetic_field, '0000000017f7', (0, 0, -100e-6), '-2281 of 2281 LSB/G', 12.0),
+        Witness(magnetic_field, 'af0600000000', (100e-6, 0, 0), '1711 LSB/G', 16.0),
         Witness(temperature, 'a000', (35.0,), 'DS: 16 LSB/K, 0 at 25 °C'),
     )
     # fmt: on
 
     # --- the stream ----------------------------------------------------------------------
     # A slot is the gyroscope's six bytes, then the accelerometer's: a burst from OUT_G on jumps
-    # from 1Dh to 28h and from 2Dh to 18h (DS section 3.3).  That a slot leaves the FIFO when its
-    # last byte is read is assumed; DS does not say.
+    # from 1Dh to 28h and from 2Dh to 18h (DS section 3.3).  Nobody is known to read it so: PX4
+    # reads 6 and 6 bytes (LSM9DS1.cpp, commit 050fa47acac5).  It is tried out at every start.
     def __init__(self, bus: Any, clock: Clock, settings: Mapping[str, object]) -> None:
         super().__init__(bus, clock, settings)
         self._low_pass_2 = self._low_pass_code()
@@ -261,13 +271,14 @@ class Lsm9ds1(SlotDriver):
             self.registers, clock, self.counters, control=self.FIFO_CTRL,
             running=self.fifo_mode.insert(0, 'continuous'), level=self.fifo_level,
             overrun=self.fifo_overrun, first=self.OUT_G, depth=self.depth, rate_hz=self.rate_hz,
-            frame=Frame(self.angular_velocity, self.acceleration),
+            frame=Frame(self.angular_velocity, self.acceleration), edges=self.edges,
         )  # fmt: skip
         self._field_frame = Frame(self.STATUS_REG_M, self.magnetic_field)
-        self._field = Lookout(clock, float(self.values['magnetometer_rate_hz']))
-        self._warmth = Lookout(clock, min(TEMPERATURE_HZ, self.rate_hz))
+        self._field = PolledQuantity(clock, float(self.values['magnetometer_rate_hz']))
+        self._warmth = PolledQuantity(clock, min(TEMPERATURE_HZ, self.rate_hz))
         rates = {'temperature': self._warmth.rate_hz, 'magnetic_field': self._field.rate_hz}
         self.rates_hz = {quantity: rate for quantity, rate in rates.items() if rate}
+        self.fifo.rise_at(self.watermark())
 
     def _low_pass_code(self) -> int | None:
         """Return BW_G for the second low-pass, None without it."""
@@ -294,6 +305,7 @@ class Lsm9ds1(SlotDriver):
             self.gyroscope_output: 'low-pass 1' if self._low_pass_2 is None else 'low-pass 2',
             self.accelerometer_rate: self.accelerometer_rate.decode(code),
             self.bandwidth_by_hand: 1,
+            self.threshold_interrupt: int(self.edges is not None),
             self.CTRL_REG7_XL: 0x00,
             self.CTRL_REG8: 0x44,  # block update, increment
             self.CTRL_REG9: 0x02,  # FIFO
@@ -323,8 +335,24 @@ class Lsm9ds1(SlotDriver):
         super().configure()
 
     def configure_parts(self) -> None:
-        """Remember that the first samples are no good."""
+        """Find out how slots can be read; remember that the first samples are no good."""
+        self.registers.run(self.filling_steps)
+        self.fifo.apart = ()
+        if not self._goes_on_from_slot_to_slot():
+            self.fifo.apart = (self.OUT_G, self.OUT_XL)
+            self.counters['slots_apart'] += 1
+        self.registers.run(self.stop_steps)
+        self.registers.write({self.sample_rate: self.rate_hz})
+        self.registers.verify(self.assignments())
         self.fifo.skip = TURN_ON[self.rate_hz]
+
+    def _goes_on_from_slot_to_slot(self) -> bool:
+        """Return whether a burst gives slots, each once, and not what lies behind OUT_G."""
+        before = int(self.registers.read(self.fifo_level))
+        data = self.fifo.slots(TRIED)
+        taken = before - int(self.registers.read(self.fifo_level))
+        behind = self.registers.burst(self.CTRL_REG4, self.OUT_XL.size)
+        return 0 < taken <= TRIED and behind not in {data[k : k + 6] for k in (6, 18, 30, 42)}
 
     def start(self) -> None:
         """Empty the FIFO and start it."""

@@ -5,17 +5,19 @@ InvenSense MPU-9250: accelerometer, gyroscope, and the magnetometer AK8963 behin
 Documents: PS-MPU-9250A-01 rev. 1.1 (PS), RM-MPU-9250A-00 rev. 1.6 (RM), and for the
 magnetometer AK8963 MS1356-E-02 (AK).  Not offered: rates above 1 kHz, with which the FIFO would
 be full in a few ms; the low-power mode; and 14 bits of the magnetometer, four times coarser.
+The magnetometer is read by the chip's own I²C master, so that two chips do not collide at 0x0C.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from imu_bench.bus.auxiliary import AuxiliaryBus
 from imu_bench.bus.interface import Clock, RegisterBus
-from imu_bench.bus.lookout import Lookout
+from imu_bench.bus.polled_quantity import PolledQuantity
 from imu_bench.bus.wiring import Wiring
 from imu_bench.drivers.driver import choice, FifoDriver, Identity, Setting, Typical, Witness
 from imu_bench.errors import BusError, NoAnswer
@@ -27,6 +29,7 @@ import numpy as np
 G = STANDARD_GRAVITY
 MAG = 'magnetometer'
 FIFO_BYTES = 512  # PS section 4.17
+MPU_6500 = 0x70
 RATES = tuple(round(1000.0 / n, 3) for n in range(1, 257))
 
 
@@ -38,10 +41,12 @@ class Mpu9250(FifoDriver):
     title = 'InvenSense MPU-9250'
     document = 'PS-MPU-9250A-01 rev. 1.1, RM-MPU-9250A-00 rev. 1.6, AK8963 MS1356-E-02'
     bus_kinds = ('i2c', 'spi')
+    data_ready_pin = 'INT'  # RM register 55: at its reset value high for 50 µs
     wiring: ClassVar[Mapping[str, Wiring]] = {
         # PS sections 7.2, 7.5: 1 MHz is the limit of SPI for every register
         '': Wiring(i2c_addresses=(0x68, 0x69), spi_max_hz=1_000_000),
-        # AK section 7.2; seen on the main bus when BYPASS_EN is set, never on SPI
+        # AK section 7.2; seen on the main bus when BYPASS_EN is set, never on SPI.  Used so only
+        # with magnetometer_bypass
         MAG: Wiring(i2c_addresses=(0x0C,)),
     }
 
@@ -112,10 +117,12 @@ class Mpu9250(FifoDriver):
     gyroscope_filter_bypass = Field(GYRO_CONFIG, (1, 0))
     accelerometer_range = Field(
         ACCEL_CONFIG, (4, 3), Codes({2.0: 0, 4.0: 1, 8.0: 2, 16.0: 3}), 'g')
-    accelerometer_bandwidth = Field(  # RM rev. 1.4; rev. 1.6 prints 420, 218.1, 99, 44.8 …
+    # RM rev. 1.6, and Zephyr.  Rev. 1.4, which others cite, has 460, 184, 92, 41, 20, 10 and 5 Hz:
+    # the figures of the gyroscope's table
+    accelerometer_bandwidth = Field(
         ACCEL_CONFIG2, (2, 0),
-        Codes({460.0: 7, 184.0: 1, 92.0: 2, 41.0: 3, 20.0: 4, 10.0: 5, 5.0: 6},
-              aliases={0: (460.0, 'so in RM rev. 1.4, 218.1 Hz in rev. 1.6: never written')}),
+        Codes({420.0: 7, 218.1: 1, 99.0: 2, 44.8: 3, 21.2: 4, 10.2: 5, 5.05: 6},
+              aliases={0: (218.1, 'RM rev. 1.6 prints it for 0 and 1')}),
         'Hz')
     accelerometer_filter_bypass = Field(ACCEL_CONFIG2, 3)
     # fmt: on
@@ -148,7 +155,11 @@ class Mpu9250(FifoDriver):
         Identity(
             WHO_AM_I,
             {0x71: 'MPU-9250', 0x73: 'MPU-9255'},
-            {0x70: 'MPU-6500, which has no magnetometer', 0x68: 'MPU-6050'},
+            {
+                MPU_6500: 'MPU-6500, often sold as MPU-9250, without a magnetometer; '
+                'magnetometer_rate_hz: 0.0 does without it',
+                0x68: 'MPU-6050',
+            },
         ),
     )
 
@@ -179,12 +190,14 @@ class Mpu9250(FifoDriver):
     settings = (
         Setting('rate_hz', 1000.0, 'Output data rate: 1000/(1 + n).', RATES, unit='Hz'),
         choice('accelerometer_range', accelerometer_range, 16.0, 'Full scale.'),
-        choice('accelerometer_bandwidth', accelerometer_bandwidth, 460.0, 'Low-pass, -3 dB.'),
+        choice('accelerometer_bandwidth', accelerometer_bandwidth, 420.0, 'Low-pass, -3 dB.'),
         choice('gyroscope_range', gyroscope_range, 2000.0, 'Full scale.'),
         Setting('gyroscope_bandwidth', 184.0, 'Low-pass, -3 dB; wider ones run at 8 kHz only.',
                 (184.0, 92.0, 41.0, 20.0, 10.0, 5.0), unit='Hz'),
         Setting('magnetometer_rate_hz', 100.0, 'Rate of the magnetometer; 0 is off.',
                 (0.0, 8.0, 100.0), unit='Hz'),
+        Setting('magnetometer_bypass', False, 'I²C: read the magnetometer at its own address, '
+                '0x0C; less on the bus, for one MPU-9250 on it.'),
     )
     # fmt: on
     counter_names = ('magnetometer_lost', 'magnetometer_overflows')
@@ -218,7 +231,7 @@ class Mpu9250(FifoDriver):
     # fmt: off
     typical: ClassVar[Mapping[str, Typical]] = {
         'acceleration': Typical(
-            'PS rev. 1.1 table 2', noise_density=300e-6 * G, bandwidth=460.0, range=16 * G,
+            'PS rev. 1.1 table 2', noise_density=300e-6 * G, bandwidth=420.0, range=16 * G,
             resolution=G / 2048, bias=(0.06 * G, 0.06 * G, 0.08 * G), bias_per_kelvin=1.5e-3 * G,
             scale_error=0.03, scale_per_kelvin=0.026e-2, nonlinearity=0.005, cross_axis=0.02),
         'angular_velocity': Typical(
@@ -250,11 +263,11 @@ class Mpu9250(FifoDriver):
     # --- the stream ----------------------------------------------------------------------
     def __init__(self, bus: Any, clock: Clock, settings: Mapping[str, object]) -> None:
         super().__init__(bus, clock, settings)
-        self._field = Lookout(clock, float(self.values['magnetometer_rate_hz']))
+        self._field = PolledQuantity(clock, float(self.values['magnetometer_rate_hz']))
         rate = self._field.rate_hz
         self.rates_hz = {'magnetic_field': rate} if rate else {}
         self._mode = {self.magnetometer_mode: rate, self.magnetometer_bits: 16}
-        self._in_fifo = rate > 0.0 and MAG not in self._wires
+        self._in_fifo = rate > 0.0 and not self._bypass
         inertial = (self.acceleration, self.temperature, self.angular_velocity)
         behind = (self.ST1, self.magnetic_field, self.ST2)
         self._frame = Frame(*inertial, *(behind if self._in_fifo else ()))
@@ -262,8 +275,17 @@ class Mpu9250(FifoDriver):
         self.depth = FIFO_BYTES // self._frame.size
 
     def register_buses(self, wires: Mapping[str, Any]) -> Mapping[str, RegisterBus]:
-        """Return the bus of the chip, and that of the magnetometer: bypass, or slave 4."""
-        return {MAG: AuxiliaryBus(wires[''], self.clock, 0x0C), **wires}
+        """Return the bus of the chip, and that of the magnetometer: slave 4, or bypass."""
+        self._bypass = bool(self.values['magnetometer_bypass']) and MAG in wires
+        behind = wires[MAG] if self._bypass else AuxiliaryBus(wires[''], self.clock, 0x0C)
+        return {'': wires[''], MAG: behind}
+
+    def check_identity(self, identity: Identity) -> str:
+        """Return the name of the part that answers; an MPU-6500 will do without magnetometer."""
+        if MPU_6500 in identity.others and not self.values['magnetometer_rate_hz']:
+            expected = {**identity.expected, MPU_6500: 'MPU-6500'}
+            identity = replace(identity, expected=expected)
+        return super().check_identity(identity)
 
     def assignments(self) -> dict[Any, Value]:
         """Return the settings, with the filters on and, on SPI, I²C off (RM register 106)."""
@@ -286,7 +308,7 @@ class Mpu9250(FifoDriver):
 
     def _configure_magnetometer(self) -> None:
         registers = self.registers
-        registers.run(self.master_steps if MAG not in self._wires else self.bypass_steps)
+        registers.run(self.bypass_steps if self._bypass else self.master_steps)
         self.check_identity(Identity(self.WIA, {0x48: 'AK8963'}))
         registers.run(self.magnetometer_trim_steps)
         adjust = np.frombuffer(registers.burst(self.ASA), dtype=np.uint8)

@@ -110,6 +110,7 @@ class Mti300(Driver):
                 'which has none.', (0, 115_200, 230_400, 460_800, 921_600)),
     )
     # fmt: on
+    described = ('baud',)  # it was brought to that speed when it was first used
     counter_names = (
         'checksum_errors',
         'garbage_bytes',

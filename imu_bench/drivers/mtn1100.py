@@ -208,7 +208,8 @@ class Mtn1100(ADS, Driver):
             self.restart()
         if not len(reading.stamps):
             return []
-        self.counters['saturated'] += int(self._channel.saturated(reading.words).sum())
+        if not self._channel.within(reading.words):
+            self.counters['saturated'] += int(self._channel.saturated(reading.words).sum())
         range_ = None if self._channel.scaled_by is None else self.values['ads1115_range']
         si = self._channel.decode(reading.words, range_, self.trims['acceleration'])
         return [Samples(reading.stamps, acceleration=si)]

@@ -41,7 +41,7 @@ class Scl3300(Driver):
     bus_kinds = ('frame',)
     wiring: ClassVar[Mapping[str, Wiring]] = {
         # DS table 8: 0.1 to 8 MHz, 2 to 4 MHz for the lowest noise
-        '': Wiring(spi_mode=0, spi_max_hz=2_000_000),
+        '': Wiring(spi_mode=0, spi_max_hz=8_000_000, spi_hz=2_000_000),
     }
 
     # --- register map (DS table 15) ------------------------------------------------------
@@ -255,7 +255,7 @@ class Scl3300(Driver):
         status = swept[-1].data
         words = np.array([answer.data for answer in swept], dtype='>u2').view('>i2')
         raw = words[np.newaxis, 0:3]
-        clipped = bool(status & self.saturation.mask) or bool(self.acceleration.saturated(raw)[0])
+        clipped = bool(status & self.saturation.mask) or not self.acceleration.within(raw)
         self.counters['saturated'] += clipped
         hot = bool(status & self.temperature_saturation.mask)
         self.counters['temperature_saturated'] += hot

@@ -8,15 +8,16 @@ driver and a function `create`; for any other the declared register map is run b
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any
 
-from imu_bench.bus.interface import Clock
+from imu_bench.bus.interface import Clock, DATA_READY, RESET_LINE
 from imu_bench.drivers import load
-from imu_bench.emulators.line import Line, Timing
-from imu_bench.emulators.register_map import Source
+from imu_bench.emulators.ahead import Source
+from imu_bench.emulators.line import Line, Timing, Wire
+from imu_bench.emulators.pin import EmulatedPin, EmulatedReset
 from imu_bench.emulators.socket import Socket
 from imu_bench.errors import ConfigError
 
@@ -36,7 +37,9 @@ def create(
     clock: Clock,
     *,
     line: Line | None = None,
+    wire: Wire | None = None,
     speed_hz: float | None = None,
+    lines: Collection[str] = (),
     **options: Any,
 ) -> Mapping[str, Any]:
     """
@@ -53,10 +56,14 @@ def create(
     clock : Clock
         The bus takes its time on this clock.
     line : Line, optional
-        The wire, to let several sensors share one; a wire of its own by default.
+        The wire with its speed, to let several sensors share one.
+    wire : Wire, optional
+        The wire alone, to share it at a speed of its own; one of its own by default.
     speed_hz : float, optional
-        Clock of the wire; by default 400 kHz on I²C, 1 MHz on SPI (with frames the chip's
-        own), 115200 baud.
+        Clock of the wire; by default 400 kHz on I²C, 1 MHz on SPI (with frames the usual
+        one of the chip), 115200 baud.
+    lines : collection of str
+        Lines of the computer at pins of the chip, of `LINES`; they are among the buses.
     **options
         For the chip's own emulator.
 
@@ -73,9 +80,16 @@ def create(
     if line is None:
         timing = TIMINGS[bus_kind]
         if bus_kind == 'frame':
-            speed_hz = speed_hz or driver.wiring[''].spi_max_hz
-        line = Line(clock, timing(speed_hz) if speed_hz else timing())
+            speed_hz = speed_hz or driver.wiring[''].spi_clock_hz
+        line = Line(clock, timing(speed_hz) if speed_hz else timing(), wire)
     own = {module.name for module in iter_modules(__path__)}
     module = import_module(f'{__name__}.{driver_name if driver_name in own else "generic"}')
     name = f'emulated {driver_name} on {bus_kind}'
-    return dict(module.create(Socket(driver, bus_kind, name, source, clock, line), **options))
+    buses = dict(module.create(Socket(driver, bus_kind, name, source, clock, line), **options))
+    if DATA_READY in lines:
+        pin = EmulatedPin(f'emulated line at {driver_name}')
+        buses[''].chip.pin = buses[DATA_READY] = pin
+    if RESET_LINE in lines:
+        name = f'emulated line at the reset of {driver_name}'
+        buses[RESET_LINE] = EmulatedReset(name, buses[''].chip, clock)
+    return buses

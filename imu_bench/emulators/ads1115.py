@@ -9,7 +9,8 @@ the mean.
 from __future__ import annotations
 
 from imu_bench.bus.converters.ads1115 import Ads1115Registers, WAKE_S
-from imu_bench.emulators.register_map import EmulatedChip, Source
+from imu_bench.emulators.ahead import Source
+from imu_bench.emulators.register_map import EmulatedChip
 from imu_bench.registers import Axis, Field, Value
 import numpy as np
 
@@ -20,19 +21,7 @@ _RESET = {0: 0x0000, 1: 0x8583, 2: 0x8000, 3: 0x7FFF}
 
 
 class Ads1115Chip(EmulatedChip):
-    """
-    Four registers of 16 bits behind a pointer.
-
-    Parameters
-    ----------
-    channel : Axis
-        What a code is worth.
-    source : Source
-    start_ns : int
-        Power-up.
-    rate_error : float
-        Of its oscillator.
-    """
+    """Four registers of 16 bits behind a pointer."""
 
     def __init__(
         self, channel: Axis, source: Source, start_ns: int, *, rate_error: float = 0.0

@@ -25,18 +25,10 @@ _ST1, _OUT, _ST2, _ASA = (
 
 
 class Ak8963(EmulatedChip):
-    """
-    Modes, data ready and overrun, data held until ST2 is read, fuse ROM.
+    """Modes, data ready and overrun, data held until ST2 is read, fuse ROM."""
 
-    Parameters
-    ----------
-    field_at : callable
-        Magnetic field in tesla, in the body frame, at a time in ns.
-    asa : tuple of int
-        Sensitivity adjustment in the fuse ROM.
-    rate_error : float
-        Relative error of its oscillator.
-    """
+    made = frozenset({_ASA})
+    watched = frozenset(range(_OUT, _ST2 + 1))
 
     def __init__(
         self,
@@ -59,10 +51,23 @@ class Ak8963(EmulatedChip):
         self._off_ns = at_ns - MODE_CHANGE_NS
         self._due_ns: int | None = None
         self._held = False
+        self._again: tuple[int, int, bytes] | None = None
+
+    def read(self, first: int, length: int, at_ns: int, byte_ns: float) -> bytes:
+        """Return what the chip drives onto the wire: until something happens, the same again."""
+        due = self._due_ns is not None and self._due_ns <= at_ns
+        if self._again is not None and self._again[:2] == (first, length) and not due:
+            return self._again[2]
+        self.advance(at_ns)
+        idle = not self._held and not self.memory.word(Mpu9250.ST1)
+        data = super().read(first, length, at_ns, byte_ns)
+        self._again = (first, length, data) if idle and not self._held else None
+        return data
 
     def advance(self, to_ns: int) -> None:
         """Make the measurements that are due."""
         while self._due_ns is not None and self._due_ns <= to_ns:
+            self._again = None
             self._measure(self._due_ns)
             period = PERIOD_NS.get(self._mode)
             if period is None:
@@ -98,6 +103,7 @@ class Ak8963(EmulatedChip):
 
     def written(self, register: Register, at_ns: int) -> None:
         """Reset, or change the mode by way of power-down."""
+        self._again = None
         if register is Mpu9250.CNTL2 and self.memory.code(Mpu9250.magnetometer_reset):
             self.power_up(at_ns)
             self._off_ns = at_ns

@@ -9,6 +9,8 @@ Up is where the specific force points, north where the magnetic field does: the 
 
 from __future__ import annotations
 
+from typing import Any
+
 from imu_bench.emulators.low_pass import LowPass
 import numpy as np
 import numpy.typing as npt
@@ -20,34 +22,23 @@ SMOOTHING_HZ = 0.5
 
 
 class Attitude:
-    """
-    Orientation from east, north and up to the sensor's frame, sample by sample.
-
-    Parameters
-    ----------
-    rate_hz : float
-
-    Examples
-    --------
-    >>> Attitude(100.0).follow(np.array([[0, 0, 9.8]]), np.array([[0, 2e-5, -4e-5]])).tolist()
-    [[0.0, 0.0, 0.0, 1.0]]
-    """
+    """Orientation from east, north and up to the sensor's frame, sample by sample."""
 
     def __init__(self, rate_hz: float) -> None:
         self._force = LowPass(SMOOTHING_HZ, rate_hz)
         self._field = LowPass(SMOOTHING_HZ, rate_hz)
 
-    def follow(self, force: Array, field: Array | None = None) -> Array:
-        """
-        Return quaternions x, y, z, w, shape (n, 4), from the sensor's frame to east, north, up.
+    @property
+    def state(self) -> tuple[Any, Any]:
+        """What is left of the vectors so far; put back, others follow it again."""
+        return self._force.state, self._field.state
 
-        Parameters
-        ----------
-        force : ndarray, shape (n, 3)
-            In m/s².
-        field : ndarray, shape (n, 3), optional
-            In T; without it the x axis points to the east.
-        """
+    @state.setter
+    def state(self, state: tuple[Any, Any]) -> None:
+        self._force.state, self._field.state = state
+
+    def follow(self, force: Array, field: Array | None = None) -> Array:
+        """Return quaternions x, y, z, w, shape (n, 4), from the sensor to east, north, up."""
         up = _unit(self._force.filter(force))
         if field is None:
             north = np.cross(up, np.array([1.0, 0.0, 0.0]))

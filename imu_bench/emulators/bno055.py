@@ -12,8 +12,9 @@ from collections.abc import Iterable, Mapping
 
 from imu_bench.bus.framing import bosch_uart
 from imu_bench.drivers.bno055 import Bno055, FIELD_HZ, FUSED_HZ, MEASURED, PLAIN_HZ
+from imu_bench.emulators.ahead import rows_of, Source, Stateful
 from imu_bench.emulators.attitude import Attitude
-from imu_bench.emulators.register_map import EmulatedBus, or_zero, Source
+from imu_bench.emulators.register_map import EmulatedBus, or_zero
 from imu_bench.emulators.sampling import SamplingChip
 from imu_bench.emulators.socket import Socket
 from imu_bench.emulators.stream import EmulatedStream, StreamDevice
@@ -30,21 +31,16 @@ CRYSTAL_NS = 600_000_000  # DS gives no time; drivers wait up to 650 ms
 ANY_MODE = (B.PAGE_ID, B.OPR_MODE, B.SYS_TRIGGER)
 _DATA = (B.ACC_DATA, B.MAG_DATA, B.GYR_DATA, B.EUL_DATA, B.QUA_DATA, B.LIA_DATA, B.GRV_DATA)
 _PAGE = B.PAGE_ID.address
+# what fusion finds: offsets of accelerometer, magnetometer and gyroscope, then the two radii;
+# averages of nine calibrations of one board (forum.arduino.cc, topic 352421)
+FOUND = np.array([-6, 3, 17, -2, 395, 112, 0, 1, 0, 1000, 832], dtype='<i2')
 # LSB by the bit of UNIT_SEL (DS section 3.6.1), over those of the driver
 _ACCELERATION = (1.0, STANDARD_GRAVITY / 1000 / 0.01)
 _ROTATION = (1.0, 16 / 900 / DEGREE)
 
 
 class Bno055Chip(SamplingChip):
-    """
-    Both pages.
-
-    Parameters
-    ----------
-    source : Source
-    start_ns : int
-        Power-up.
-    """
+    """Both pages."""
 
     def __init__(self, source: Source, start_ns: int) -> None:
         super().__init__(B.declared(Register).values(), source)
@@ -58,8 +54,10 @@ class Bno055Chip(SamplingChip):
         self.memory.reset()
         self._ready_ns = self._settled_ns = self._now_ns = ready_ns
         self._mode = 'config'
+        self._restored = False
         self._crystal_ns = 0
         self._made = 0
+        self._source.forget()
 
     # --- registers -----------------------------------------------------------------------
     def decode_address(self, first: int) -> tuple[int, bool]:
@@ -114,6 +112,9 @@ class Bno055Chip(SamplingChip):
             self.memory.set(register, 0)
         if mode == 'config':
             return
+        held = self.memory.word(B.OFFSETS).to_bytes(B.OFFSETS.size, 'little')
+        self._restored = self._fused and any(held)
+        self._off = (np.frombuffer(held, '<i2') - FOUND[:9]) * self._restored
         self._made = 0
         self._rate_hz = FUSED_HZ.get(mode, PLAIN_HZ)
         field_hz = FIELD_HZ.get(mode) or float(self.memory.value(B.magnetometer_rate_hz))
@@ -121,6 +122,10 @@ class Bno055Chip(SamplingChip):
         self._attitude = Attitude(self._rate_hz)
         self._source.restart(self._settled_ns, self._rate_hz)
         self._now_ns = self._settled_ns
+
+    def takes_silently(self, number: int, at_ns: int) -> bool:
+        """Return that of its reset: adafruit/Adafruit_CircuitPython_BNO055 catches it."""
+        return number == B.SYS_TRIGGER.number and not self.answers(at_ns)
 
     # --- sampling ------------------------------------------------------------------------
     def advance(self, to_ns: int) -> None:
@@ -130,74 +135,97 @@ class Bno055Chip(SamplingChip):
             self.memory.put(B.clock_busy, 0)
         if self._mode == 'config' or not self.pass_time(to_ns):
             return
-        samples = self._source.samples_until(to_ns)
-        if len(samples):
-            self._take(samples)
+        for _, rows, first, last in self._source.until(to_ns):
+            self._take(rows[last - 1], last - first)
 
-    def _take(self, samples: Samples) -> None:
-        letters = MEASURED.get(self._mode, 'M')
-        before, self._made = self._made, self._made + len(samples)
-        newest = samples[-1:]
-        if 'A' in letters:
-            si = or_zero(newest.acceleration, (1, 3))
-            self._put(B.acceleration, si, _ACCELERATION[self._unit(0)])
-        if 'G' in letters:
-            si = or_zero(newest.angular_velocity, (1, 3))
-            self._put(B.angular_velocity, si, _ROTATION[self._unit(1)])
-        if 'M' in letters and before // self._field_step != self._made // self._field_step:
-            self._put(B.magnetic_field, or_zero(newest.magnetic_field, (1, 3)))
-        celsius = 0.0 if newest.temperature is None else float(newest.temperature[0])
+    def stateful(self) -> Iterable[Stateful]:
+        """Return the filter of the fusion."""
+        return (self._attitude,)
+
+    def converted(self, samples: Samples) -> list[dict[Register, bytes]]:
+        """Return the data registers of each sample."""
+        n, letters = len(samples), MEASURED.get(self._mode, 'M')
+        force = or_zero(samples.acceleration, (n, 3))
+        rotation = or_zero(samples.angular_velocity, (n, 3))
+        field = or_zero(samples.magnetic_field, (n, 3))
+        celsius = or_zero(samples.temperature, (n,))
         # DS section 3.6.1: 1 °C, or 2 °F
         shown = (celsius * 1.8 + 32) / 2 if self._unit(4) else celsius
-        self._put(B.temperature, np.array([shown]))
+        words = {B.TEMP: self._words(B.temperature, shown)}
+        if 'A' in letters:
+            words[B.ACC_DATA] = self._force(force)
+        if 'G' in letters:
+            words[B.GYR_DATA] = self._rotation(rotation)
+        if 'M' in letters:
+            words[B.MAG_DATA] = self._words(B.magnetic_field, field)
         if self._fused:
-            self._fuse(samples, 'M' in letters)
+            words |= self._fuse(samples, force, 'M' in letters)
+        if self._restored:  # offsets that are not those of the chip leave a bias
+            for k, register in enumerate((B.ACC_DATA, B.MAG_DATA, B.GYR_DATA)):
+                if register in words:
+                    words[register] = words[register] - self._off[3 * k : 3 * k + 3].astype('<i2')
+        columns = [rows_of(found) for found in words.values()]
+        return [dict(zip(words, row, strict=True)) for row in zip(*columns, strict=True)]
 
-    def _fuse(self, samples: Samples, with_field: bool) -> None:
-        """Fill what only the fusion makes."""
-        force = or_zero(samples.acceleration, (len(samples), 3))
-        if samples.orientation is None:
+    def _take(self, newest: dict[Register, bytes], n: int) -> None:
+        """Show the newest of samples; the field is measured more seldom."""
+        before, self._made = self._made, self._made + n
+        field_is_old = before // self._field_step == self._made // self._field_step
+        for register, data in newest.items():
+            if not (field_is_old and register is B.MAG_DATA):
+                self.memory.fill(register, data)
+        if self._fused:
+            seconds = self._made / self._rate_hz
+            # gyroscope first, then magnetometer, accelerometer, system: how fast is assumed
+            waits = (0.0, 0.0, 0.0) if self._restored else (1.0, 3.0, 5.0)
+            gyro, compass, system = (3 if seconds > wait else 0 for wait in waits)
+            self.memory.set(B.CALIB_STAT, system << 6 | gyro << 4 | system << 2 | compass)
+            if system and not self._restored:
+                self.memory.fill(B.OFFSETS, FOUND[:9].tobytes())
+                self.memory.fill(B.RADII, FOUND[9:].tobytes())
+
+    def _fuse(
+        self, samples: Samples, force: np.ndarray, with_field: bool
+    ) -> dict[Register, np.ndarray]:
+        """Return what only the fusion makes."""
+        quaternions = samples.orientation
+        if quaternions is None:
             field = samples.magnetic_field if with_field else None
-            quaternion = self._attitude.follow(force, field)[-1:]
-        else:
-            quaternion = samples.orientation[-1:]
-        memory = self.memory
-        self._put(B.orientation, quaternion)
-        rotation = Rotation.from_quat(quaternion[0])
-        down = rotation.inv().apply([0.0, 0.0, STANDARD_GRAVITY])
+            quaternions = self._attitude.follow(force, field)
+        rotations = Rotation.from_quat(quaternions)
+        down = rotations.inv().apply([0.0, 0.0, STANDARD_GRAVITY])
         ratio = _ACCELERATION[self._unit(0)]
-        range_ = memory.value(B.accelerometer_range)
-        for register, si in ((B.GRV_DATA, down), (B.LIA_DATA, force[-1] - down)):
-            words = B.acceleration.encode(si[np.newaxis], range_, ratio)
-            memory.fill(register, words.tobytes())
         # heading, roll, pitch, 16 LSB per degree (DS section 3.6.5.4)
-        yaw, pitch, roll = rotation.as_euler('ZYX', degrees=True)
-        angles = np.rint(16 * np.array([-yaw % 360.0, roll, pitch])).astype('<i2')
-        memory.fill(B.EUL_DATA, angles.tobytes())
-        seconds = self._made / self._rate_hz
-        # gyroscope first, then magnetometer, accelerometer and system: how fast is assumed
-        gyro, compass, system = (3 if seconds > limit else 0 for limit in (1.0, 3.0, 5.0))
-        memory.set(B.CALIB_STAT, system << 6 | gyro << 4 | system << 2 | compass)
+        yaw, pitch, roll = rotations.as_euler('ZYX', degrees=True).T
+        return {
+            B.QUA_DATA: self._words(B.orientation, quaternions),
+            B.GRV_DATA: self._words(B.acceleration, down, ratio),
+            B.LIA_DATA: self._words(B.acceleration, force - down, ratio),
+            B.EUL_DATA: np.rint(16 * np.column_stack([-yaw % 360.0, roll, pitch])).astype('<i2'),
+        }
 
     def _unit(self, bit: int) -> int:
         """Return a bit of UNIT_SEL."""
         return self.memory.word(B.UNIT_SEL) >> bit & 1
 
-    def _put(self, channel: Channel, si: np.ndarray, ratio: float = 1.0) -> None:
-        words = self.memory.quantise(channel, si, ratio)
-        self.memory.fill(channel.first, words.tobytes())
+    def _words(self, channel: Channel, si: np.ndarray, ratio: float = 1.0) -> np.ndarray:
+        return np.asarray(self.memory.quantise(channel, si, ratio))
+
+    def _force(self, si: np.ndarray) -> np.ndarray:
+        """Return acceleration; it ends at 9.81 m/s² times the range, as in Linux (bno055.c)."""
+        full = 9.81 * float(self.memory.value(B.accelerometer_range))
+        counts = np.clip(si, -full, full) / (0.01 * _ACCELERATION[self._unit(0)])
+        return np.asarray(np.rint(counts), dtype='<i2')
+
+    def _rotation(self, si: np.ndarray) -> np.ndarray:
+        """Return angular velocity; outside fusion full scale over 2¹⁵, whatever the unit."""
+        if self._fused:
+            return self._words(B.angular_velocity, si, _ROTATION[self._unit(1)])
+        return self._words(B.angular_velocity_plain, si)
 
 
 class Bno055Uart(StreamDevice):
-    """
-    The serial protocol in front of the chip (DS section 4.7).
-
-    Parameters
-    ----------
-    chip : Bno055Chip
-    overrun_every : int
-        So many commands are answered, then one is not but with an overrun; 0 for never.
-    """
+    """The serial protocol in front of the chip (DS section 4.7)."""
 
     baud = 115_200
     PATIENCE_NS = 30_000_000  # for the next character of a command: not in the document

@@ -4,20 +4,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from imu_bench.bus.interface import Clock
+from imu_bench.bus.interface import Clock, LINES
 from imu_bench.config.faults import Fault, KINDS, ONCE, ONLY_ON
-from imu_bench.drivers.driver import Driver
+from imu_bench.drivers.driver import BurstDriver, Driver
 from imu_bench.errors import BusBusy, BusError, NoAnswer, PermissionDenied
+from imu_bench.registers import Field, Wait, Write
 import numpy as np
 
+BUSY_EVERY = 10
 STRETCH_S = 0.035
 """So long a clock may be held low: SMBus 3.1, T_TIMEOUT is 25 ms to 35 ms."""
 
+_SILENT = 'nothing answers; check power, wiring and address'
 _OPEN = {'no_answer', 'unplugged'}
 _REPLUGGED = {'unplugged', 'wrong_identity'}
+_SUDDEN = {'brown_out', 'stuck_fifo'}
 _FLIPS = {'bit_error', 'bit_errors'}
 _ERRORS: dict[str, tuple[type[BusError], str]] = {
     'permission_denied': (PermissionDenied, 'this user may not open it'),
@@ -26,26 +31,12 @@ _ERRORS: dict[str, tuple[type[BusError], str]] = {
         BusBusy,
         f'the clock was stretched for more than {STRETCH_S * 1e3:g} ms; lower the speed',
     ),
-    **dict.fromkeys(_OPEN, (NoAnswer, 'nothing answers; check power, wiring and address')),
+    **dict.fromkeys(_OPEN, (NoAnswer, _SILENT)),
 }
 
 
 class FaultyWire:
-    """
-    What is common to every kind of wire that plays faults.
-
-    Parameters
-    ----------
-    bus : EmulatedBus, EmulatedFrameBus, EmulatedStream or emulated board
-    clock : Clock
-    faults : iterable of Fault
-    identity : iterable of int
-        Numbers of the registers that 'wrong_identity' changes.
-    seed : int
-        Of the noise of 'garbage'.
-    start_ns : int, optional
-        When the sensor was switched on; now by default.
-    """
+    """What is common to every kind of wire that plays faults."""
 
     def __init__(
         self,
@@ -104,8 +95,8 @@ class FaultyWire:
             over = now >= fault.at_s + fault.for_s
             if fault.kind == 'stall':
                 self._clock.sleep(max(fault.at_s + fault.for_s - now, 0.0))
-            elif fault.kind == 'brown_out':
-                self._power_up(fault.at_s)
+            elif fault.kind in _SUDDEN:
+                self._happen(fault)
             else:
                 self._swap(fault, over)
                 if not over:
@@ -120,6 +111,12 @@ class FaultyWire:
                 raise error(f'{self.name}: {text}')
         return active
 
+    def _happen(self, fault: Fault) -> None:
+        if fault.kind == 'brown_out':
+            self._power_up(fault.at_s)
+        else:
+            self._bus.chip.memory.fifo_stuck = True
+
     def _swap(self, fault: Fault, over: bool) -> None:
         """Switch on what is plugged in: another chip where there was one, or the right one."""
         if fault.kind == 'wrong_identity' and fault.at_s not in self._swapped:
@@ -133,13 +130,46 @@ class FaultyWire:
         self._bus.chip.power_up(self._start_ns + round(at_s * 1e9))
 
 
+@dataclass(frozen=True)
+class Boots:
+    """How long a chip takes to start by its document."""
+
+    start_up_s: float = 0.0
+    # writes that reset it, and the time in s that a driver gives it then
+    resets: Mapping[tuple[int, int], float] = field(default_factory=dict)
+
+
+def _boots(driver: type[Driver], part: str) -> Boots:
+    """Return what the sequences of a driver say: the first write, and the wait behind it."""
+    resets = {}
+    for name, steps in driver.sequences().items():
+        if not name.endswith('reset_steps') or len(steps) < 2:
+            continue
+        write, wait = steps[:2]
+        if not (isinstance(write, Write) and isinstance(wait, Wait)):
+            continue
+        for target, value in write.values.items():
+            register = target.register if isinstance(target, Field) else target
+            single = isinstance(target, Field)
+            bits = target.encode(value) << target.low if single else int(value)
+            if register.part == part and (not single or target.self_clearing):
+                resets[register.number & 0xFF, bits] = wait.seconds
+    return Boots(driver.start_up_s, resets)
+
+
 class FaultyBus(FaultyWire):
     """A RegisterBus around an emulated one that plays faults."""
+
+    def __init__(self, *arguments: Any, boots: Boots | None = None) -> None:
+        super().__init__(*arguments)
+        self._asked = 0
+        self._boots = boots or Boots(0.0)
+        self._silent_ns = 0
 
     def read(self, register: int, length: int) -> bytes:
         """Return what the chip answers, or what the fault makes of it."""
         kinds = self._play()
-        if not kinds.isdisjoint(_OPEN):
+        if self._refuses(kinds) or not kinds.isdisjoint(_OPEN):
             return b'\xff' * length
         data = self._bus.read(register, length)
         if 'wrong_identity' in kinds and register in self._identity:
@@ -147,9 +177,39 @@ class FaultyBus(FaultyWire):
         return self._disturbed(data, kinds)
 
     def write(self, register: int, data: bytes) -> None:
-        """Write, unless the fault prevents it."""
-        if self._play().isdisjoint(_OPEN):
+        """Write, unless the fault prevents it, or takes away the acknowledge."""
+        kinds = self._play()
+        if self._refuses(kinds):
+            return
+        if kinds.isdisjoint(_OPEN):
             self._bus.write(register, data)
+        if 'slow_boot' in kinds:
+            self._after_reset(register, data)
+        if 'executes_without_ack' in kinds:
+            raise NoAnswer(f'{self.name}: {_SILENT}')
+
+    def _refuses(self, kinds: set[str]) -> bool:
+        """Return whether the chip does not hear this; where it would acknowledge, raise."""
+        refused = False
+        if 'busy' in kinds:
+            self._asked += 1
+            refused = self._asked % BUSY_EVERY == 0
+        if 'slow_boot' in kinds:
+            if not self._silent_ns:
+                self._power_up(self._elapsed_s())
+                self._be_silent(self._boots.start_up_s)
+            refused |= self._clock.now_ns() < self._silent_ns
+        if refused and self._bus.acknowledges:
+            raise NoAnswer(f'{self.name}: {_SILENT}')
+        return refused
+
+    def _after_reset(self, register: int, data: bytes) -> None:
+        for (number, bits), seconds in self._boots.resets.items():
+            if register & 0xFF == number and data[0] & bits == bits:
+                self._be_silent(seconds)
+
+    def _be_silent(self, seconds: float) -> None:
+        self._silent_ns = self._clock.now_ns() + round(2e9 * seconds)
 
 
 class FaultyFrames(FaultyWire):
@@ -241,14 +301,16 @@ def possible(driver: type[Driver], bus_kind: str) -> tuple[str, ...]:
     --------
     >>> from imu_bench.drivers import load
     >>> [kind for kind in KINDS if kind not in possible(load('mpu9250'), 'spi')]
-    ['stretched', 'dropped_byte', 'half_frame']
+    ['stretched', 'executes_without_ack', 'busy', 'dropped_byte', 'half_frame']
     """
     # a device on a serial line without registers says in a message what it is
     named = bool(driver.identities) or bus_kind == 'serial'
     return tuple(
         kind
         for kind in KINDS
-        if bus_kind in ONLY_ON.get(kind, (bus_kind,)) and (named or kind != 'wrong_identity')
+        if bus_kind in ONLY_ON.get(kind, (bus_kind,))
+        and (named or kind != 'wrong_identity')
+        and (issubclass(driver, BurstDriver) or kind != 'stuck_fifo')
     )
 
 
@@ -268,7 +330,6 @@ def wrap(
     buses : mapping of str to bus
         As `imu_bench.emulators.create` makes them.
     driver : type of Driver
-    clock : Clock
     faults : iterable of Fault
     seed : int
         Of the noise of 'garbage'.
@@ -276,14 +337,13 @@ def wrap(
         When the sensor was switched on, from which the faults count; now by default.
     """
     planned = list(faults)
-    return {
-        part: _around(bus)(
-            bus,
-            clock,
-            planned,
-            [i.register.address for i in driver.identities if i.register.part == part],
-            seed,
-            start_ns,
-        )
-        for part, bus in buses.items()
-    }
+    wires: dict[str, Any] = {}
+    for part, bus in buses.items():
+        if part in LINES:  # their faults are those of the chip
+            wires[part] = bus
+            continue
+        kind = _around(bus)
+        identity = [i.register.address for i in driver.identities if i.register.part == part]
+        more = {'boots': _boots(driver, part)} if kind is FaultyBus else {}
+        wires[part] = kind(bus, clock, planned, identity, seed, start_ns, **more)
+    return wires

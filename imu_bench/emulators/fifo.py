@@ -5,27 +5,10 @@ from __future__ import annotations
 
 
 class ByteRing:
-    """
-    Bytes in the order in which they came; full means lost bytes, not lost frames.
-
-    Parameters
-    ----------
-    capacity : int
-        Bytes.
-
-    Examples
-    --------
-    A frame that does not fit pushes out the oldest bytes, so what is left is misaligned.
-
-    >>> ring = ByteRing(5)
-    >>> ring.push(b'abc'), ring.push(b'def')
-    (0, 1)
-    >>> ring.pop(4), ring.pop(3)
-    (b'bcde', b'fff')
-    """
+    """Bytes in the order in which they came; full means lost bytes, not lost frames."""
 
     def __init__(self, capacity: int) -> None:
-        self.capacity = capacity
+        self.capacity = capacity  # bytes
         self._bytes = bytearray()
         self._last = 0
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
-from imu_bench.emulators.register_map import Source
+from imu_bench.emulators.ahead import rows_of, Source, Stateful
 from imu_bench.emulators.sampling import SamplingChip
 from imu_bench.emulators.slot_fifo import SlotFifo
 from imu_bench.registers import Register
@@ -18,16 +18,7 @@ HOUSEKEEPING_HZ = 10.0
 
 
 class FifoChip(SamplingChip, ABC):
-    """
-    What such dies have in common; a chip adds its registers, and is powered up when it is made.
-
-    Parameters
-    ----------
-    registers : iterable of Register
-    source : Source
-        Is told the rate the registers ask for, and samples at it times its own error.
-    fifo : SlotFifo
-    """
+    """What such dies have in common; a chip adds its registers and is powered up when made."""
 
     start_up_ns = 0
     slot_numbers: tuple[int, ...]
@@ -52,15 +43,23 @@ class FifoChip(SamplingChip, ABC):
         """Set up filters for a rate."""
 
     @abstractmethod
+    def filters(self) -> Iterable[Stateful]:
+        """Return what `slots` carries from one sample to the next."""
+
+    @abstractmethod
     def slots(self, samples: Samples) -> np.ndarray:
         """Return the bytes of samples, shape (n, bytes of a slot), dtype uint8."""
 
     @abstractmethod
-    def show(self, newest: bytes, samples: Samples) -> None:
-        """Put the newest slot, and what else is in the samples, into registers."""
+    def show(self, newest: bytes) -> None:
+        """Put the newest sample into registers."""
 
-    def surroundings(self, samples: Samples) -> None:
-        """Take note of what the other die may ask for."""
+    def risen_at(self) -> int:
+        """Return the level at which the data-ready pin rises, 0 if it does not."""
+        return 0
+
+    def surroundings(self, samples: Samples, first: int, last: int) -> None:
+        """Take note of what the other die may ask for: of some samples."""
 
     # --- life ----------------------------------------------------------------------------
     def power_up(self, at_ns: int) -> None:
@@ -85,21 +84,31 @@ class FifoChip(SamplingChip, ABC):
         if rate:
             self.settle(rate)
 
+    def converted(self, samples: Samples) -> tuple[list[bytes], list[bytes]]:
+        """Return the slots, and what registers show; none while only the surroundings are seen."""
+        if not self.rate_hz():
+            return [], []
+        slots = rows_of(self.slots(samples))
+        return slots, slots
+
+    def stateful(self) -> Iterable[Stateful]:
+        """Return the filters, if any were set up."""
+        return self.filters() if self.rate_hz() else ()
+
     def advance(self, to_ns: int) -> None:
         """Take every sample that is due."""
         if not self.pass_time(to_ns):
             return
-        samples = self._source.samples_until(to_ns)
-        if not len(samples):
-            return
-        self.surroundings(samples)
-        if not self.rate_hz():
-            return
-        slots = self.slots(samples)
-        mode = self.fifo_mode()
-        if mode != 'off':
-            self.fifo.push([row.tobytes() for row in slots], stops_when_full=mode == 'stops')
-        self.show(slots[-1].tobytes(), samples)
+        for samples, (slots, shown), first, last in self._source.until(to_ns):
+            self.surroundings(samples, first, last)
+            if slots:
+                mode = self.fifo_mode()
+                if mode != 'off' and not self.memory.fifo_stuck:
+                    missing = self.risen_at() - len(self.fifo)
+                    if self.pin is not None and 0 < missing <= last - first:
+                        self.pin.rose([int(samples.stamps[first + missing - 1])])
+                    self.fifo.push(slots[first:last], stops_when_full=mode == 'stops')
+                self.show(shown[last - 1])
 
     # --- the wire ------------------------------------------------------------------------
     def read(self, first: int, length: int, at_ns: int, byte_ns: float) -> bytes:

@@ -24,21 +24,12 @@ class FrameChip(Protocol):
 
 
 class EmulatedFrameBus:
-    """
-    A FrameBus on which an emulated chip lives.
-
-    Parameters
-    ----------
-    name : str
-        For error texts and diagnostics; says that it is emulated.
-    line : Line
-    chip : FrameChip
-    """
+    """A FrameBus on which an emulated chip lives."""
 
     acknowledges = False
 
     def __init__(self, name: str, line: Line, chip: FrameChip) -> None:
-        self.name = name
+        self.name = name  # for error texts and diagnostics; says that it is emulated
         self.line = line
         self.chip = chip
 

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from imu_bench.drivers.driver import Driver
+from imu_bench.emulators.ahead import Source
 from imu_bench.emulators.generic_fifo import GenericFifoChip
-from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
+from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip
 from imu_bench.emulators.socket import Socket
 from imu_bench.errors import ConfigError
 from imu_bench.registers import Fifo, Frame, Register
@@ -28,17 +29,7 @@ class _Newest:
 
 
 class GenericChip(EmulatedChip):
-    """
-    One die whose data registers hold the newest sample, at the range they are set to.
-
-    Parameters
-    ----------
-    driver : type of Driver
-        Its declarations are the chip.
-    part : str
-        Which die.
-    newest : _Newest
-    """
+    """One die whose data registers hold the newest sample, at the range they are set to."""
 
     def __init__(self, driver: type[Driver], part: str, newest: _Newest) -> None:
         super().__init__(r for r in driver.declared(Register).values() if r.part == part)
@@ -65,14 +56,7 @@ class GenericChip(EmulatedChip):
 
 
 def create(at: Socket) -> dict[str, EmulatedBus]:
-    """
-    Return one bus for each die.
-
-    Raises
-    ------
-    ConfigError
-        If a chip with a FIFO has other dies beside it.
-    """
+    """Return one bus for each die."""
     driver = at.driver
     fifos = driver.declared(Fifo)
     if fifos and (len(fifos) > 1 or len(driver.wiring) > 1):

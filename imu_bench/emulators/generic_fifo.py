@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from imu_bench.drivers.driver import Driver
+from imu_bench.emulators.ahead import rows_of, Source, Stateful
 from imu_bench.emulators.fifo_chip import FifoChip
 from imu_bench.emulators.low_pass import LowPass
-from imu_bench.emulators.register_map import Source
 from imu_bench.emulators.slot_fifo import SlotFifo
 from imu_bench.registers import Field, Fifo, Frame, Register, Write
 from imu_bench.samples import Samples
@@ -18,12 +20,6 @@ def reset_registers(driver: type[Driver]) -> frozenset[Register]:
     Return the registers whose writing resets the chip.
 
     They are those that the driver's reset sequence writes a self-clearing field of.
-
-    Examples
-    --------
-    >>> from imu_bench.drivers import load
-    >>> [register.name for register in reset_registers(load('mpu9250'))]
-    ['PWR_MGMT_1']
     """
     return frozenset(
         target.register
@@ -35,17 +31,7 @@ def reset_registers(driver: type[Driver]) -> frozenset[Register]:
 
 
 class GenericFifoChip(FifoChip):
-    """
-    Registers, and a FIFO behind one of them.
-
-    Parameters
-    ----------
-    driver : type of Driver
-        Its declarations are the chip.
-    source : Source
-    start_ns : int
-        Power-up.
-    """
+    """Registers, and a FIFO behind one of them."""
 
     slot_numbers = ()
 
@@ -57,6 +43,7 @@ class GenericFifoChip(FifoChip):
         self._resets = reset_registers(driver)
         self.start_up_ns = round(driver.start_up_s * 1e9)
         self.ports = self.quiet = frozenset({sheet.port.number})
+        self.made = frozenset({sheet.count.number})
         self._torn = b''
         self.power_up(start_ns)
 
@@ -72,6 +59,15 @@ class GenericFifoChip(FifoChip):
             return 0.0
         return float(self.memory.value(self._sheet.rate))
 
+    def risen_at(self) -> int:
+        """Return the watermark, if it is on the pin and the pin rises."""
+        if self._sheet.pin is None:
+            return 0
+        on_pin, watermark, rises = self._sheet.pin
+        if not (self.memory.code(on_pin) and self.memory.code(rises)):
+            return 0
+        return -(-self.memory.word(watermark) // self._sheet.units)
+
     def fifo_mode(self) -> str:
         """Return that a full FIFO gives up its oldest sample."""
         return 'overwrites'
@@ -81,25 +77,45 @@ class GenericFifoChip(FifoChip):
         corner = self._sheet.low_pass * rate_hz
         self._filters = {channel: LowPass(corner, rate_hz) for channel in self._channels}
 
+    def filters(self) -> Iterable[Stateful]:
+        """Return the filters."""
+        return self._filters.values()
+
+    def converted(self, samples: Samples) -> tuple[list[bytes], list[bytes]]:
+        """Return frames, and what the data registers show, one after the other."""
+        if not self.rate_hz():
+            return [], []
+        words = self._words(samples)
+        shown = [Frame(c).pack(words, len(samples)) for c in self._channels if c.quantity in words]
+        registers = [np.frombuffer(data, np.uint8).reshape(len(samples), -1) for data in shown]
+        self._shown = [c.first for c in self._channels if c.quantity in words]
+        return rows_of(self._frames(words, len(samples))), rows_of(np.hstack(registers))
+
     def slots(self, samples: Samples) -> np.ndarray:
         """Return a frame of each sample."""
-        frame, words = self._sheet.frame, {}
+        return self._frames(self._words(samples), len(samples))
+
+    def _words(self, samples: Samples) -> dict[str, np.ndarray]:
+        words = {}
         for channel in self._channels:
             si = getattr(samples, channel.quantity)
-            if si is None:
-                continue
-            if si.ndim > 1:
-                si = self._filters[channel].filter(si)
-            words[channel.quantity] = found = self.memory.quantise(channel, si)
-            newest = Frame(channel).pack({channel.quantity: found[-1:]}, 1)
-            self.memory.fill(channel.first, newest)
-        inside = {name: words[name] for name in frame.dtype.names or () if name in words}
-        rows = np.frombuffer(frame.pack(inside, len(samples)), np.uint8)
-        marks = np.frombuffer(self._sheet.marks or bytes(frame.size), np.uint8)
-        return rows.reshape(len(samples), -1) | marks
+            if si is not None:
+                filtered = self._filters[channel].filter(si) if si.ndim > 1 else si
+                words[channel.quantity] = self.memory.quantise(channel, filtered)
+        return words
 
-    def show(self, newest: bytes, samples: Samples) -> None:
-        """Do nothing: `slots` has put the newest words into the data registers."""
+    def _frames(self, words: dict[str, np.ndarray], n: int) -> np.ndarray:
+        frame = self._sheet.frame
+        inside = {name: words[name] for name in frame.dtype.names or () if name in words}
+        rows = np.frombuffer(frame.pack(inside, n), np.uint8).reshape(n, -1)
+        return rows | np.frombuffer(self._sheet.marks or bytes(frame.size), np.uint8)
+
+    def show(self, newest: bytes) -> None:
+        """Put the newest words into the data registers."""
+        start = 0
+        for register in self._shown:
+            self.memory.fill(register, newest[start : start + register.size])
+            start += register.size
 
     def advance(self, to_ns: int) -> None:
         """Take every sample that is due; that one was lost is told until it was read."""

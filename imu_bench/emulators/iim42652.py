@@ -9,6 +9,8 @@ are not emulated, nor is low power.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
+from typing import NamedTuple
 
 from imu_bench.bus.framing.fifo_packets import (
     HEADERS,
@@ -23,8 +25,9 @@ from imu_bench.drivers.iim42652 import (
     FIFO_BYTES,
     Iim42652,
 )
+from imu_bench.emulators.ahead import rows_of, Source, Stateful
 from imu_bench.emulators.low_pass import LowPass
-from imu_bench.emulators.register_map import EmulatedBus, or_zero, Source
+from imu_bench.emulators.register_map import EmulatedBus, or_zero
 from imu_bench.emulators.sampling import SamplingChip
 from imu_bench.emulators.socket import Socket
 from imu_bench.registers import Channel, Register
@@ -64,11 +67,6 @@ def bandwidth_hz(rate_hz: float, bandwidth: str, order: int = 2) -> float:
 
     Below 400 Hz most settings keep the bandwidth of 400 Hz, which lets the band above half
     the rate fold back; from 2 kHz on all are alike.
-
-    Examples
-    --------
-    >>> bandwidth_hz(500.0, 'ODR/8'), bandwidth_hz(50.0, 'ODR/8'), bandwidth_hz(50.0, 'ODR/2')
-    (58.75, 47.0, 24.665)
     """
     if rate_hz >= _FAST_HZ:
         return 0.262 * rate_hz
@@ -76,34 +74,42 @@ def bandwidth_hz(rate_hz: float, bandwidth: str, order: int = 2) -> float:
     return factors[order - 1] * max(rate_hz, least)
 
 
+class _Made(NamedTuple):
+    """What the chip makes of samples, row by row: data registers, and packets if it makes any."""
+
+    shown: list[bytes]
+    packets: list[bytes]
+
+
+class _Elapsed:
+    """The time since power-up, µs, by the samples."""
+
+    state = 0.0
+
+    def samples(self, n: int, period_us: float) -> np.ndarray:
+        """Return the times of the next samples, shape (n,)."""
+        times = self.state + period_us * np.arange(1, n + 1)
+        self.state = float(times[-1])
+        return times
+
+
 class Iim42652Chip(SamplingChip):
-    """
-    Banks, power, filters, data registers and the FIFO of packets.
-
-    Parameters
-    ----------
-    source : Source
-        Is told the rate the registers ask for, and samples at it times its own error.
-    start_ns : int
-        Power-up.
-    tick : float
-        Length of the timestamp's tick of 1 µs in µs.
-
-    Attributes
-    ----------
-    improper : list of str
-        Writes at a time at which the document forbids them.
-    """
+    """Banks, power, filters, data registers and the FIFO of packets."""
 
     ports = frozenset({_PORT})
     quiet = frozenset({_PORT})
+    made = frozenset({_COUNT, C.FIFO_LOST_PKT.number})
 
     def __init__(self, source: Source, start_ns: int, *, tick: float = TICK) -> None:
         super().__init__(C.declared(Register).values(), source)
         self._tick = tick
         self._fifo: deque[bytes] = deque()
-        self.improper: list[str] = []
+        self.improper: list[str] = []  # writes at a time at which the document forbids them
         self.power_up(start_ns)
+
+    def takes_silently(self, number: int, at_ns: int) -> bool:
+        """Return that of a spike filter: torvalds/linux inv_icm42600_i2c.c, b5d6ba09b10d."""
+        return number == C.INTF_CONFIG6.number
 
     def power_up(self, at_ns: int) -> None:
         """Begin at the reset values: bank 0, sensors off."""
@@ -113,7 +119,8 @@ class Iim42652Chip(SamplingChip):
         self._quiet_ns = 0
         self._valid_ns: dict[str, int] = {}
         self._rate_hz = 0.0
-        self._time_us = 0.0
+        self._elapsed = _Elapsed()
+        self._source.forget()
         self._lost = 0
         self._update(self._ready_ns)
 
@@ -122,10 +129,24 @@ class Iim42652Chip(SamplingChip):
         """Take every sample that is due."""
         if not self.pass_time(to_ns):
             return
-        if self._rate_hz:
-            samples = self._source.samples_until(to_ns)
-            if len(samples):
-                self._take(samples)
+        if not self._rate_hz:
+            return
+        memory = self.memory
+        for samples, made, first, last in self._source.until(to_ns):
+            newest = made.shown[last - 1]
+            memory.fill(C.ACCEL_DATA, newest[0:6])
+            memory.fill(C.GYRO_DATA, newest[6:12])
+            memory.fill(C.TEMP_DATA, newest[12:14])
+            memory.put(C.data_ready, 1)
+            if self.pin is not None and memory.code(C.data_ready_interrupt) and self._drives():
+                self.pin.rose(samples.stamps[first:last])
+            self._store(made.packets[first:last])
+
+    def _drives(self) -> bool:
+        """Return whether the pin is driven, and its edge the right one (DS section 14.5)."""
+        driven = C.interrupt_push_pull, C.interrupt_active_high
+        released = not self.memory.code(C.asynchronous_reset)
+        return released and all(self.memory.code(field) for field in driven)
 
     def _update(self, at_ns: int) -> None:
         """Run the sensors that are on at the rate and with the filters the registers ask for."""
@@ -161,7 +182,12 @@ class Iim42652Chip(SamplingChip):
                 )
             )
 
-    def _take(self, samples: Samples) -> None:
+    def stateful(self) -> Iterable[Stateful]:
+        """Return the filters, and the time that the timestamps tell."""
+        return self._acceleration, self._rotation, self._elapsed
+
+    def converted(self, samples: Samples) -> _Made:
+        """Return data registers and packets."""
         n = len(samples)
         force = self._acceleration.filter(or_zero(samples.acceleration, (n, 3)))
         rotation = self._rotation.filter(or_zero(samples.angular_velocity, (n, 3)))
@@ -174,15 +200,11 @@ class Iim42652Chip(SamplingChip):
             'acceleration': self._words(C.acceleration, force, awake['accelerometer']),
             'angular_velocity': self._words(C.angular_velocity, rotation, awake['gyroscope']),
         }
-        heat = self.memory.quantise(C.temperature, celsius)
         memory = self.memory
-        memory.fill(C.ACCEL_DATA, words['acceleration'][-1].tobytes())
-        memory.fill(C.GYRO_DATA, words['angular_velocity'][-1].tobytes())
-        memory.fill(C.TEMP_DATA, heat[-1:].tobytes())
-        memory.put(C.data_ready, 1)
-        period_us = 1e6 / self._rate_hz
-        times = self._time_us + period_us * np.arange(1, n + 1)
-        self._time_us = float(times[-1])
+        heat = memory.quantise(C.temperature, celsius)
+        columns = [rows_of(column) for column in (*words.values(), heat)]
+        times = self._elapsed.samples(n, 1e6 / self._rate_hz)
+        packets = np.zeros(0, _SINGLE)
         if memory.value(C.fifo_mode) != 'bypass':
             tick_us = self._tick * float(memory.value(C.timestamp_tick))
             ticks = (times // tick_us).astype(np.int64) & 0xFFFF
@@ -191,7 +213,7 @@ class Iim42652Chip(SamplingChip):
                 packets['temperature'], packets['timestamp'] = heat, ticks
             else:
                 packets = self._packets_16(words, celsius, ticks)
-            self._store(packets)
+        return _Made(list(map(b''.join, zip(*columns, strict=True))), rows_of(packets))
 
     def _words(self, channel: Channel, si: np.ndarray, awake: np.ndarray) -> np.ndarray:
         return np.where(awake[:, np.newaxis], self.memory.quantise(channel, si), INVALID).astype(
@@ -237,10 +259,10 @@ class Iim42652Chip(SamplingChip):
         packets['low'] = lows[0] << 4 | lows[1]
         return packets
 
-    def _store(self, packets: np.ndarray) -> None:
-        if not len(packets):
+    def _store(self, packets: list[bytes]) -> None:
+        if not packets or self.memory.fifo_stuck:
             return
-        room = FIFO_BYTES // packets.itemsize - 1
+        room = FIFO_BYTES // len(packets[0]) - 1
         stops = self.memory.value(C.fifo_mode) == 'stop'
         for packet in packets:
             if len(self._fifo) >= room:
@@ -248,7 +270,7 @@ class Iim42652Chip(SamplingChip):
                 if stops:
                     continue
                 self._fifo.popleft()
-            self._fifo.append(packet.tobytes())
+            self._fifo.append(packet)
         if len(self._fifo) >= room:
             self.memory.put(C.fifo_full, 1)
 

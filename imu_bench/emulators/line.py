@@ -18,15 +18,6 @@ class Timing:
     """
     What a transfer costs.
 
-    Attributes
-    ----------
-    byte_ns : float
-        One byte.
-    read_header, write_header : int
-        Bytes on the wire before the first data byte.
-    overhead_ns : float
-        Start, repeated start and stop, or chip select.
-
     Examples
     --------
     14 bytes from a register at 400 kHz: three bytes of header, 9 bit per byte, 3 bit of
@@ -36,15 +27,17 @@ class Timing:
     390
     """
 
-    byte_ns: float
+    byte_ns: float  # one byte
+    # read_header, write_header: bytes on the wire before the first data byte
     read_header: int
     write_header: int
-    overhead_ns: float
+    overhead_ns: float  # start, repeated start and stop, or chip select
+    stretchable: bool = False  # A chip may hold the clock low: I²C
 
     @classmethod
     def i2c(cls, speed_hz: float = 400e3) -> Timing:
         """Return I²C: address and register, then address again to read; 8 bit and acknowledge."""
-        return cls(9e9 / speed_hz, 3, 2, 3e9 / speed_hz)
+        return cls(9e9 / speed_hz, 3, 2, 3e9 / speed_hz, stretchable=True)
 
     @classmethod
     def spi(cls, speed_hz: float = 1e6) -> Timing:
@@ -70,44 +63,58 @@ class Timing:
         return self.overhead_ns + (self.write_header + length) * self.byte_ns
 
 
+class Wire:
+    """What is held while bits travel; several lines may be one wire."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.free_ns = 0
+
+
 class Line:
     """
-    A wire that several chips may share; one transfer at a time.
+    A wire as a chip on it sees it; one transfer at a time.
 
     Parameters
     ----------
     clock : Clock
         Waits until the last bit is through.
-    timing : Timing
+    wire : Wire, optional
+        To share with other lines, whose clocks show the same time; one of its own by default.
     """
 
-    def __init__(self, clock: Clock, timing: Timing) -> None:
+    def __init__(self, clock: Clock, timing: Timing, wire: Wire | None = None) -> None:
         self.clock = clock
         self.timing = timing
-        self._lock = threading.Lock()
-        self._free_ns = 0
+        self._wire = wire or Wire()
 
-    def read(self, length: int, answer: Callable[[int, float], _T]) -> _T:
+    def read(self, length: int, answer: Callable[[int, float], _T], stretch_ns: float = 0.0) -> _T:
         """
         Return what `answer` makes of the time of the first data byte and the time per byte.
 
-        The caller waits until the transfer is over, as on a real bus.
+        The caller waits until the transfer is over, as on a real bus; the chip holds the clock
+        for `stretch_ns` after each byte of data.
         """
         header = self.timing.overhead_ns + self.timing.read_header * self.timing.byte_ns
-        return self._transfer(header, length * self.timing.byte_ns, answer)
+        data = length * (self.timing.byte_ns + stretch_ns * self.timing.stretchable)
+        return self._transfer(header, data, answer)
 
-    def write(self, length: int, answer: Callable[[int, float], _T]) -> _T:
+    def write(
+        self, length: int, answer: Callable[[int, float], _T], stretch_ns: float = 0.0
+    ) -> _T:
         """Let `answer` take the bytes when the last one is through."""
-        return self._transfer(self.timing.write_ns(length), 0.0, answer)
+        stretched = length * stretch_ns * self.timing.stretchable
+        return self._transfer(self.timing.write_ns(length) + stretched, 0.0, answer)
 
     def _transfer(self, before: float, after: float, answer: Callable[[int, float], _T]) -> _T:
-        with self._lock:
-            start = max(self.clock.now_ns(), self._free_ns) + round(before)
-            self._free_ns = start
+        wire = self._wire
+        with wire.lock:
+            start = max(self.clock.now_ns(), wire.free_ns) + round(before)
+            wire.free_ns = start
             try:
                 result = answer(start, self.timing.byte_ns)
-                self._free_ns = start + round(after)
+                wire.free_ns = start + round(after)
             finally:
-                end = self._free_ns
+                end = wire.free_ns
         self.clock.sleep_until(end)
         return result

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from imu_bench.simulation.low_pass import (
     LowPass as Sections,
 )
@@ -21,19 +23,6 @@ class LowPass:
     rate than that of the output, leaves of the noise above half the rate folds back; to noise it
     is that of the simulation.  A filter of the output samples lets nothing of half the rate
     through.  Motion above half the rate has folded back before it comes here, and is not reduced.
-
-    Parameters
-    ----------
-    bandwidth_hz, rate_hz : float
-        A bandwidth of the rate or more filters nothing; of samples, of half the rate.
-    order : int
-        1 or 2; of samples, any.
-    of_samples : bool
-
-    Examples
-    --------
-    >>> LowPass(100.0, 1000.0).filter(np.ones((3, 3))).tolist()[2]
-    [1.0, 1.0, 1.0]
     """
 
     def __init__(
@@ -43,6 +32,16 @@ class LowPass:
         widest = rate_hz / 2 if of_samples else rate_hz
         made_by = sample_sections if of_samples else noise_sections
         self._sections = Sections(bandwidth_hz, order, made_by) if bandwidth_hz < widest else None
+
+    @property
+    def state(self) -> Any:
+        """What is left of the values so far; put back, they follow it again."""
+        return None if self._sections is None else self._sections.state
+
+    @state.setter
+    def state(self, state: Any) -> None:
+        if self._sections is not None:
+            self._sections.state = state
 
     def filter(self, values: np.ndarray) -> np.ndarray:
         """Return filtered values, shape (n, axes); the state goes on to the next block."""

@@ -9,14 +9,18 @@ reading the field clears its ready flag, unless it is asked to stay as in the HM
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from imu_bench.drivers.lsm303dlhc import Lsm303dlhc, MAG, SLOTS, TURN_ON
+from imu_bench.emulators.ahead import Source, Stateful
 from imu_bench.emulators.fifo_chip import FifoChip
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.output_registers import OutputRegisters
-from imu_bench.emulators.register_map import EmulatedBus, or_zero, Source
+from imu_bench.emulators.register_map import EmulatedBus, numbers, or_zero
 from imu_bench.emulators.second_die import SecondDie, Surroundings
 from imu_bench.emulators.slot_fifo import SlotFifo
 from imu_bench.emulators.socket import Socket
+from imu_bench.emulators.turn_on import TurnOn
 from imu_bench.registers import Register
 from imu_bench.samples import Samples
 import numpy as np
@@ -34,6 +38,8 @@ class InertialDie(FifoChip):
     """The accelerometer and its FIFO."""
 
     start_up_ns = START_UP_NS
+    made = numbers(L.STATUS_REG_A, L.FIFO_SRC_REG_A)
+    watched = numbers(L.OUT_A)
     slot_numbers = tuple(range(0x28, 0x2E))
 
     def __init__(self, source: Source, start_ns: int, *, repeats: bool = False) -> None:
@@ -58,26 +64,33 @@ class InertialDie(FifoChip):
         """Return what FIFO_EN and FM ask for; no trigger ever comes."""
         return self._mode
 
+    def risen_at(self) -> int:
+        """Return the watermark, if it is on the pin."""
+        on_pin = self.memory.code(L.watermark_interrupt)
+        return int(self.memory.code(L.fifo_threshold)) if on_pin else 0
+
     def settle(self, rate_hz: float) -> None:
         """Set up the filter: a ninth of the rate; the first samples are not settled."""
         self._filter = LowPass(rate_hz / 9, rate_hz)
-        self._unsettled = TURN_ON
+        self._turning_on = TurnOn(TURN_ON)
 
-    def surroundings(self, samples: Samples) -> None:
+    def surroundings(self, samples: Samples, first: int, last: int) -> None:
         """Keep field and temperature for the other die."""
+        stamps = samples.stamps[first:last]
         if samples.magnetic_field is not None:
-            self.field.add(samples.stamps, samples.magnetic_field)
+            self.field.add(stamps, samples.magnetic_field[first:last])
         if samples.temperature is not None:
-            self.warmth.add(samples.stamps, samples.temperature[:, np.newaxis])
+            self.warmth.add(stamps, samples.temperature[first:last, np.newaxis])
+
+    def filters(self) -> Iterable[Stateful]:
+        """Return the filter, and what remains of the turn-on."""
+        return self._filter, self._turning_on
 
     def slots(self, samples: Samples) -> np.ndarray:
         """Return three words of each sample; without high resolution they have 10 bit."""
         n = len(samples)
         force = self._filter.filter(or_zero(samples.acceleration, (n, 3)))
-        if self._unsettled:
-            risen = np.minimum((np.arange(n) + TURN_ON - self._unsettled) / TURN_ON, 1.0)
-            force = force * risen[:, np.newaxis]
-            self._unsettled = max(self._unsettled - n, 0)
+        force = self._turning_on.filter(force)
         words = self.memory.quantise(L.acceleration, force)
         if not self.memory.code(L.high_resolution):
             words &= np.int16(~0x3F)
@@ -85,7 +98,7 @@ class InertialDie(FifoChip):
         words *= np.array([enabled >> axis & 1 for axis in range(3)], dtype=words.dtype)
         return np.asarray(words.view(np.uint8).reshape(n, -1))
 
-    def show(self, newest: bytes, samples: Samples) -> None:
+    def show(self, newest: bytes) -> None:
         """Put the newest sample into the output registers."""
         self._output.show(newest)
 
@@ -121,6 +134,7 @@ class InertialDie(FifoChip):
         self._mode = _MODES.get(asked, 'overwrites') if running else 'off'
         if asked == 'bypass':
             self.fifo.clear()
+            self.memory.fifo_stuck = False  # this chip has no reset but the supply
 
 
 class MagneticDie(SecondDie):
@@ -129,6 +143,9 @@ class MagneticDie(SecondDie):
 
     Once one byte of the field was read, no new data come before the sixth was.
     """
+
+    made = numbers(L.SR_REG_M)
+    watched = numbers(L.OUT_M)
 
     def __init__(
         self,
@@ -208,18 +225,7 @@ def create(
     ready_stays: bool = False,
     repeats: bool = False,
 ) -> dict[str, EmulatedBus]:
-    """
-    Return the buses of both dies.
-
-    Parameters
-    ----------
-    magnetometer_rate_error : float
-        Relative error of the magnetometer's oscillator.
-    ready_stays : bool
-        The field's ready flag stays set when it was read, as in the HMC5883L.
-    repeats : bool
-        The FIFO gives its last slot again after it was emptied, as relatives do.
-    """
+    """Return the buses of both dies."""
     inertial = InertialDie(at.source, at.clock.now_ns(), repeats=repeats)
     magnetic = MagneticDie(
         inertial, at.clock.now_ns(), magnetometer_rate_error, ready_stays=ready_stays

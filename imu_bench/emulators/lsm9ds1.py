@@ -8,14 +8,18 @@ a reset is over at once; after power-up the chip answers within 10 ms.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from imu_bench.drivers.lsm9ds1 import LOW_PASS_2, Lsm9ds1, MAG, SLOTS, TURN_ON
+from imu_bench.emulators.ahead import Source, Stateful
 from imu_bench.emulators.fifo_chip import FifoChip
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.output_registers import OutputRegisters
-from imu_bench.emulators.register_map import EmulatedBus, or_zero, Source
+from imu_bench.emulators.register_map import EmulatedBus, numbers, or_zero
 from imu_bench.emulators.second_die import SecondDie, Surroundings
 from imu_bench.emulators.slot_fifo import SlotFifo
 from imu_bench.emulators.socket import Socket
+from imu_bench.emulators.turn_on import TurnOn
 from imu_bench.registers import Frame, Register
 from imu_bench.samples import Samples
 import numpy as np
@@ -38,9 +42,14 @@ class InertialDie(FifoChip):
     """Accelerometer, gyroscope, thermometer and FIFO."""
 
     start_up_ns = START_UP_NS
+    made = numbers(L.STATUS_REG, L.STATUS_REG_27, L.FIFO_SRC)
+    watched = numbers(L.OUT_XL, L.OUT_G, L.OUT_TEMP)
 
-    def __init__(self, source: Source, start_ns: int, *, repeats: bool = False) -> None:
+    def __init__(
+        self, source: Source, start_ns: int, *, repeats: bool = False, wraps: bool = True
+    ) -> None:
         registers = [r for r in L.declared(Register).values() if r.part == '']
+        self._wraps = wraps
         super().__init__(registers, source, SlotFifo(SLOTS, repeats=repeats))
         self.field = Surroundings(3)
         self._force = OutputRegisters(self.memory, L.OUT_XL)
@@ -66,6 +75,11 @@ class InertialDie(FifoChip):
         """Return what FIFO_EN and FMODE ask for; no interrupt ever comes."""
         return self._mode
 
+    def risen_at(self) -> int:
+        """Return the threshold, if it is on the pin."""
+        on_pin = self.memory.code(L.threshold_interrupt)
+        return int(self.memory.code(L.fifo_threshold)) if on_pin else 0
+
     def settle(self, rate_hz: float) -> None:
         """Set up the filters; the first samples after that are not settled."""
         memory = self.memory
@@ -76,18 +90,22 @@ class InertialDie(FifoChip):
         if memory.value(L.gyroscope_output) == 'low-pass 2' and LOW_PASS_2.get(rate_hz):
             cut_off = min(cut_off, LOW_PASS_2[rate_hz][memory.code(L.gyroscope_low_pass)])
         self._rotation_filter = LowPass(cut_off or rate_hz, rate_hz)
-        self._unsettled = self._settling = TURN_ON.get(rate_hz, 1)
+        rising = TURN_ON.get(rate_hz, 1)
+        self._force_rises, self._rotation_rises = TurnOn(rising), TurnOn(rising)
 
-    def surroundings(self, samples: Samples) -> None:
+    def surroundings(self, samples: Samples, first: int, last: int) -> None:
         """Keep the field for the other die, and the temperature."""
         if samples.magnetic_field is not None:
-            self.field.add(samples.stamps, samples.magnetic_field)
-        last = int(samples.stamps[-1])
-        if samples.temperature is not None and last >= self._warmth_due_ns and self.rate_hz():
-            self._warmth_due_ns = max(self._warmth_due_ns + TEMPERATURE_NS, last)
-            self._warmth.show(
-                self.memory.quantise(L.temperature, samples.temperature[-1:]).tobytes()
-            )
+            self.field.add(samples.stamps[first:last], samples.magnetic_field[first:last])
+        newest_ns = int(samples.stamps[last - 1])
+        if samples.temperature is not None and newest_ns >= self._warmth_due_ns and self.rate_hz():
+            self._warmth_due_ns = max(self._warmth_due_ns + TEMPERATURE_NS, newest_ns)
+            celsius = samples.temperature[last - 1 : last]
+            self._warmth.show(self.memory.quantise(L.temperature, celsius).tobytes())
+
+    def filters(self) -> Iterable[Stateful]:
+        """Return the filters, and what remains of the turn-on."""
+        return self._force_filter, self._rotation_filter, self._force_rises, self._rotation_rises
 
     def slots(self, samples: Samples) -> np.ndarray:
         """Return gyroscope, then accelerometer, of each sample."""
@@ -97,11 +115,7 @@ class InertialDie(FifoChip):
             rotation = np.zeros((n, 3))
         force = self._force_filter.filter(or_zero(samples.acceleration, (n, 3)))
         rotation = self._rotation_filter.filter(rotation)
-        if self._unsettled:
-            risen = np.arange(n) + self._settling - self._unsettled
-            gain = np.minimum(risen / self._settling, 1.0)[:, np.newaxis]
-            force, rotation = force * gain, rotation * gain
-            self._unsettled = max(self._unsettled - n, 0)
+        force, rotation = self._force_rises.filter(force), self._rotation_rises.filter(rotation)
         words = {
             L.acceleration.quantity: self.memory.quantise(L.acceleration, force),
             L.angular_velocity.quantity: self.memory.quantise(L.angular_velocity, rotation),
@@ -109,11 +123,22 @@ class InertialDie(FifoChip):
         packed = np.frombuffer(_SLOT.pack(words, n), dtype=np.uint8).reshape(n, _SLOT.size)
         return packed[:, -len(self.slot_numbers) :]
 
-    def show(self, newest: bytes, samples: Samples) -> None:
+    def show(self, newest: bytes) -> None:
         """Put the newest sample into the output registers."""
         self._force.show(newest[-6:])
         if len(newest) > 6:
             self._rotation.show(newest[:6])
+
+    def read(self, first: int, length: int, at_ns: int, byte_ns: float) -> bytes:
+        """Return registers or slots; one that does not wrap goes on with what lies behind."""
+        number, _ = self.decode_address(first)
+        if self._wraps or number not in self.slot_numbers or self.fifo_mode() == 'off':
+            return super().read(first, length, at_ns, byte_ns)
+        half = _GYROSCOPE if number in _GYROSCOPE else _ACCELEROMETER
+        own = min(length, half[-1] + 1 - number)
+        data = self._read_slots(self.slot_numbers.index(number), own, at_ns, byte_ns)
+        rest = length - own
+        return data + (super().read(half[-1] + 1, rest, at_ns, byte_ns) if rest else b'')
 
     # --- registers -----------------------------------------------------------------------
     def decode_address(self, first: int) -> tuple[int, bool]:
@@ -173,6 +198,9 @@ class InertialDie(FifoChip):
 class MagneticDie(SecondDie):
     """The magnetometer."""
 
+    made = numbers(L.STATUS_REG_M)
+    watched = numbers(L.OUT_M)
+
     def __init__(self, inertial: InertialDie, start_ns: int, rate_error: float = 0.0) -> None:
         registers = [r for r in L.declared(Register).values() if r.part == MAG]
         super().__init__(registers, inertial.advance, rate_error)
@@ -221,18 +249,13 @@ class MagneticDie(SecondDie):
 
 
 def create(
-    at: Socket, *, magnetometer_rate_error: float = 0.0, repeats: bool = False
+    at: Socket,
+    *,
+    magnetometer_rate_error: float = 0.0,
+    repeats: bool = False,
+    wraps: bool = True,
 ) -> dict[str, EmulatedBus]:
-    """
-    Return the buses of both dies.
-
-    Parameters
-    ----------
-    magnetometer_rate_error : float
-        Relative error of the magnetometer's oscillator.
-    repeats : bool
-        The FIFO gives its last slot again after it was emptied, as relatives do.
-    """
-    inertial = InertialDie(at.source, at.clock.now_ns(), repeats=repeats)
+    """Return the buses of both dies."""
+    inertial = InertialDie(at.source, at.clock.now_ns(), repeats=repeats, wraps=wraps)
     magnetic = MagneticDie(inertial, at.clock.now_ns(), magnetometer_rate_error)
     return {'': at.bus(inertial), MAG: at.bus(magnetic, MAG)}

@@ -7,7 +7,7 @@ It has no filter: what the sensor does up to half of `SAMPLED_HZ` folds into the
 
 from __future__ import annotations
 
-from imu_bench.emulators.register_map import Source
+from imu_bench.emulators.ahead import Source
 from imu_bench.registers import Axis
 import numpy as np
 
@@ -17,17 +17,7 @@ IDLE_NS = 100_000_000
 
 
 class Mcp3208Chip:
-    """
-    A start bit, a choice of input, and twelve bits.
-
-    Parameters
-    ----------
-    channel : Axis
-        What a code is worth; the sensor is on every input.
-    source : Source
-    start_ns : int
-        Power-up.
-    """
+    """A start bit, a choice of input, and twelve bits."""
 
     foreign = False
 

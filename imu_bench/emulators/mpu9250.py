@@ -8,13 +8,15 @@ lets the magnetometer be reached through the bypass or the auxiliary master.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
-from imu_bench.drivers.mpu9250 import FIFO_BYTES, MAG, Mpu9250
+from imu_bench.drivers.mpu9250 import FIFO_BYTES, MAG, Mpu9250, MPU_6500
+from imu_bench.emulators.ahead import Due, rows_of, Source, Stateful
 from imu_bench.emulators.ak8963 import Ak8963
 from imu_bench.emulators.fifo import ByteRing
 from imu_bench.emulators.low_pass import LowPass
-from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, or_zero, Source
+from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, numbers, or_zero
 from imu_bench.emulators.sampling import SamplingChip
 from imu_bench.emulators.socket import Socket
 from imu_bench.registers import Field, Frame, Register
@@ -32,22 +34,17 @@ _FIFO_BYTES_OF = ((3, range(6)), (7, (6, 7)), (6, (8, 9)), (5, (10, 11)), (4, (1
 
 
 class Mpu9250Chip(SamplingChip):
-    """
-    The main die.
-
-    Parameters
-    ----------
-    source : Source
-        Is told the rate the registers ask for, and samples at it times its own error.
-    start_ns : int
-        Power-up.
-    """
+    """The main die."""
 
     ports = frozenset({_PORT})
+    made = numbers(M.FIFO_COUNT, M.ACCEL_OUT, M.TEMP_OUT, M.GYRO_OUT)
     quiet = frozenset({_PORT, M.USER_CTRL.address, M.WHO_AM_I.address})
 
-    def __init__(self, source: Source, start_ns: int, **magnetometer: Any) -> None:
+    def __init__(
+        self, source: Source, start_ns: int, *, part: int = 0x71, **magnetometer: Any
+    ) -> None:
         super().__init__((r for r in M.declared(Register).values() if r.part == ''), source)
+        self._part = part
         self._fifo = ByteRing(FIFO_BYTES)
         self._field_stamps = np.zeros(1, dtype=np.int64)
         self._fields = np.zeros((1, 3))
@@ -63,7 +60,9 @@ class Mpu9250Chip(SamplingChip):
     def _reset(self, at_ns: int) -> None:
         """Begin at the reset values; the magnetometer does not see the reset bit."""
         self.memory.reset()
+        self.memory.set(M.WHO_AM_I, self._part)
         self._fifo.clear()
+        self._newest = b''
         self._now_ns = self._ready_ns = at_ns + START_UP_NS
         self._slave4_ns: int | None = None
         self._nominal_hz = 0.0
@@ -74,7 +73,7 @@ class Mpu9250Chip(SamplingChip):
         """Return whether the magnetometer is on the main bus."""
         memory = self.memory
         open_ = memory.code(M.bypass) and not memory.code(M.master_enable)
-        return bool(open_) and self.answers(at_ns)
+        return bool(open_) and self.answers(at_ns) and self._part != MPU_6500
 
     # --- sampling ------------------------------------------------------------------------
     def advance(self, to_ns: int) -> None:
@@ -82,13 +81,17 @@ class Mpu9250Chip(SamplingChip):
         if not self.pass_time(to_ns):
             return
         if not self.memory.code(M.sleep):
-            samples = self._source.samples_until(to_ns)
-            if len(samples):
-                self._take(samples)
+            for due in self._source.until(to_ns):
+                self._take(due)
         if self._slave4_ns is not None and self._slave4_ns <= to_ns:
             self._slave4()
 
-    def _take(self, samples: Samples) -> None:
+    def stateful(self) -> Iterable[Stateful]:
+        """Return the filters."""
+        return self._acceleration, self._rotation
+
+    def converted(self, samples: Samples) -> list[bytes]:
+        """Return the data registers of each sample."""
         n = len(samples)
         memory = self.memory
         words = {
@@ -103,24 +106,28 @@ class Mpu9250Chip(SamplingChip):
                 M.temperature, or_zero(samples.temperature, (n,))
             ),
         }
+        return rows_of(np.frombuffer(_DATA.pack(words, n), np.uint8).reshape(n, -1))
+
+    def _take(self, due: Due[list[bytes]]) -> None:
+        samples, rows, first, last = due
+        memory = self.memory
         if samples.magnetic_field is not None:
             self._field_stamps, self._fields = samples.stamps, samples.magnetic_field
-        data = np.frombuffer(_DATA.pack(words, n), dtype=np.uint8).reshape(n, _DATA.size)
-        memory.fill(M.ACCEL_OUT, data[-1, 0:6].tobytes())
-        memory.fill(M.TEMP_OUT, data[-1, 6:8].tobytes())
-        memory.fill(M.GYRO_OUT, data[-1, 8:14].tobytes())
-        slave = self._slave0(samples.stamps)
+        self._newest = rows[last - 1]
+        slave = self._slave0(samples.stamps[first:last])
         self._raise_interrupt(M.data_ready, M.data_interrupt)
-        if memory.code(M.fifo_enable):
-            self._fill_fifo(data, slave)
+        if self.pin is not None and memory.code(M.data_interrupt):
+            self.pin.rose(samples.stamps[first:last])
+        if memory.code(M.fifo_enable) and not memory.fifo_stuck:
+            self._fill_fifo(rows[first:last], slave)
 
-    def _fill_fifo(self, data: np.ndarray, slave: list[bytes]) -> None:
+    def _fill_fifo(self, frames: list[bytes], slave: list[bytes]) -> None:
         stops = bool(self.memory.code(M.fifo_stops_when_full))
-        frames = [row.tobytes() for row in data[:, self._columns]]
-        if self.memory.code(M.fifo_slave0):
-            frames = [a + b for a, b in zip(frames, slave, strict=True)] if slave else frames
-        lost = sum(self._fifo.push(frame, stops_when_full=stops) for frame in frames)
-        if lost:
+        if len(self._columns) < _DATA.size:
+            frames = [bytes([row[c] for c in self._columns]) for row in frames]
+        if self.memory.code(M.fifo_slave0) and slave:
+            frames = [a + b for a, b in zip(frames, slave, strict=True)]
+        if self._fifo.push(b''.join(frames), stops_when_full=stops):
             self._raise_interrupt(M.fifo_overflow, M.overflow_interrupt)
 
     def _raise_interrupt(self, flag: Field, enable: Field) -> None:
@@ -152,9 +159,15 @@ class Mpu9250Chip(SamplingChip):
 
     # --- registers -----------------------------------------------------------------------
     def reading(self, number: int, at_ns: int) -> None:
-        """Latch the count of the FIFO: RM register 114."""
+        """Latch the count of the FIFO (RM register 114), or put the newest sample there."""
+        memory = self.memory
         if number == _COUNT:
-            self.memory.set(M.FIFO_COUNT, len(self._fifo))
+            memory.set(M.FIFO_COUNT, len(self._fifo))
+        elif self._newest:
+            memory.fill(M.ACCEL_OUT, self._newest[0:6])
+            memory.fill(M.TEMP_OUT, self._newest[6:8])
+            memory.fill(M.GYRO_OUT, self._newest[8:14])
+            self._newest = b''
 
     def read_port(self, number: int, length: int, at_ns: int, byte_ns: float) -> bytes:
         """Empty the FIFO, byte by byte where it may run over meanwhile."""
@@ -190,7 +203,8 @@ class Mpu9250Chip(SamplingChip):
         """Return what the master reads from slave 0 at each sample."""
         memory = self.memory
         control, address = memory.word(M.I2C_SLV0_CTRL), memory.word(M.I2C_SLV0_ADDR)
-        if not (memory.code(M.master_enable) and control & 0x80 and address == 0x8C):
+        there = address == 0x8C and self._part != MPU_6500
+        if not (memory.code(M.master_enable) and control & 0x80 and there):
             return []
         length, first = control & 0x0F, memory.word(M.I2C_SLV0_REG)
         read = [self.magnetometer.read(first, length, int(t), 0.0) for t in stamps]
@@ -203,7 +217,7 @@ class Mpu9250Chip(SamplingChip):
         if at_ns is None or not memory.code(M.master_enable):
             return
         address, number = memory.word(M.I2C_SLV4_ADDR), memory.word(M.I2C_SLV4_REG)
-        if address & 0x7F != 0x0C:
+        if address & 0x7F != 0x0C or self._part == MPU_6500:
             memory.set(M.I2C_MST_STATUS, 0x50)
         elif address & 0x80:
             memory.fill(M.I2C_SLV4_DI, self.magnetometer.read(number, 1, at_ns, 0.0))
@@ -240,7 +254,7 @@ class _Bypass(EmulatedChip):
         self._host.magnetometer.write(first, data, at_ns)
 
 
-def create(at: Socket, **options: float) -> dict[str, EmulatedBus]:
+def create(at: Socket, **options: Any) -> dict[str, EmulatedBus]:
     """Return the buses of an MPU-9250: both dies on I²C, the main one on SPI."""
     chip = Mpu9250Chip(at.source, at.clock.now_ns(), **options)
     buses = {'': at.bus(chip)}

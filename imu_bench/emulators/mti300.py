@@ -14,8 +14,9 @@ import struct
 from imu_bench.bus.framing import xbus
 from imu_bench.bus.framing.xbus import EVERY_FRAME, Mid, Output
 from imu_bench.drivers.mti300 import BASE_HZ, Mti300
+from imu_bench.emulators.ahead import Ahead, rows_of, Source
 from imu_bench.emulators.attitude import Attitude
-from imu_bench.emulators.register_map import or_zero, Source
+from imu_bench.emulators.register_map import or_zero
 from imu_bench.emulators.socket import Socket
 from imu_bench.emulators.stream import EmulatedStream, StreamDevice
 from imu_bench.registers import Channel, Register
@@ -50,24 +51,30 @@ _CLIPS: tuple[tuple[Channel, float, int], ...] = (
 )
 
 
-class Mti300Device(StreamDevice):
-    """
-    States, settings and frames.
+class _Numbers:
+    """How many samples were made, and what the packet counter shows next."""
 
-    Parameters
-    ----------
-    source : Source
-    start_ns : int
-        Power-up.
-    baud : int
-        Speed of its line; 0 for USB.
-    """
+    def __init__(self) -> None:
+        self.made = self.frames = 0
+
+    @property
+    def state(self) -> tuple[int, int]:
+        """Both."""
+        return self.made, self.frames
+
+    @state.setter
+    def state(self, state: tuple[int, int]) -> None:
+        self.made, self.frames = state
+
+
+class Mti300Device(StreamDevice):
+    """States, settings and frames."""
 
     def __init__(self, source: Source, start_ns: int, baud: int = 0) -> None:
-        self.baud = self._next_baud = baud
+        self.baud = self._next_baud = baud  # speed of its line; 0 for USB
         self.outputs: tuple[Output, ...] = FACTORY
         self._profile = 39
-        self._source = source
+        self._source = Ahead(source, self.converted, lambda: (self._attitude, self._sent))
         self.power_up(start_ns)
 
     def power_up(self, at_ns: int) -> None:
@@ -76,7 +83,7 @@ class Mti300Device(StreamDevice):
         self._to_send: list[tuple[int, bytes]] = []
         self._now_ns = self._awake_ns = at_ns + START_UP_NS
         self._state = 'off'
-        self._made = self._counter = 0
+        self._sent = _Numbers()
         self._attitude = Attitude(float(BASE_HZ))
         self._source.restart(self._awake_ns, float(BASE_HZ))
 
@@ -88,6 +95,7 @@ class Mti300Device(StreamDevice):
             self._send(self._awake_ns, Mid.WAKE_UP)
         if self._state == 'waking' and to_ns >= self._awake_ns + PATIENCE_NS:
             self._sample(self._awake_ns + PATIENCE_NS)
+            self._source.rewind()
             self._state = 'measurement'
         if self._state != 'off':
             self._sample(to_ns)
@@ -98,6 +106,7 @@ class Mti300Device(StreamDevice):
         """Answer every message."""
         if self._state == 'off':
             return
+        self._source.rewind()
         for message in self._decoder.feed(data):
             self._answer(message, at_ns)
 
@@ -181,42 +190,44 @@ class Mti300Device(StreamDevice):
             return
         if to_ns - self._now_ns > IDLE_NS:
             kept_ns = to_ns - IDLE_NS // 10
-            self._made += round((kept_ns - self._now_ns) * 1e-9 * BASE_HZ)
+            self._source.rewind()
+            self._sent.made += round((kept_ns - self._now_ns) * 1e-9 * BASE_HZ)
             self._source.restart(kept_ns)
         self._now_ns = to_ns
-        samples = self._source.samples_until(to_ns)
-        if not len(samples):
-            return
-        first = self._made + 1
-        self._made += len(samples)
-        columns = self._columns(samples)
-        steps = {
-            output.identifier: BASE_HZ // output.rate
-            for output in self.outputs
-            if output.rate != EVERY_FRAME
-        }
-        if self._state != 'measurement' or not steps:
-            return
-        for k, stamp in enumerate(samples.stamps.tolist()):
-            due = [i for i, step in steps.items() if (first + k) % step == 0]
-            if due:
-                self._send(stamp, Mid.DATA, self._frame(first + k, due, columns, k))
+        for samples, frames, first, last in self._source.until(to_ns):
+            for k in range(first, last):
+                if frames[k]:
+                    self._to_send.append((int(samples.stamps[k]), frames[k]))
 
-    def _frame(self, number: int, due: list[int], columns: dict[int, np.ndarray], k: int) -> bytes:
-        ticks = number * (10_000 // BASE_HZ) % 864_000_000
-        parts = []
-        for identifier, rate in self.outputs:
-            if identifier == M.PACKET_COUNTER.address:
-                data = struct.pack('>H', self._counter)
-            elif identifier == M.SAMPLE_TIME_FINE.address:
-                data = struct.pack('>I', ticks)
-            elif rate == EVERY_FRAME or identifier in due:
-                data = columns[identifier][k : k + 1].tobytes()
-            else:
-                continue
-            parts.append(struct.pack('>HB', identifier, len(data)) + data)
-        self._counter = (self._counter + 1) % 65536
-        return b''.join(parts)
+    def converted(self, samples: Samples) -> list[bytes]:
+        """Return the message of each sample; none where nothing is due, or nobody measures."""
+        n, numbers = len(samples), self._sent
+        columns = self._columns(samples)
+        made = np.arange(numbers.made + 1, numbers.made + n + 1)
+        numbers.made += n
+        timed = [output for output in self.outputs if output.rate != EVERY_FRAME]
+        if self._state != 'measurement' or not timed:
+            return [b''] * n
+        due = {output: made % (BASE_HZ // output.rate) == 0 for output in timed}
+        sent = np.asarray(np.any(list(due.values()), axis=0))
+        counter = (numbers.frames + np.cumsum(sent) - 1) % 65536
+        numbers.frames = (numbers.frames + int(sent.sum())) % 65536
+        columns[M.PACKET_COUNTER.address] = counter.astype('>u2')
+        ticks = made * (10_000 // BASE_HZ) % 864_000_000
+        columns[M.SAMPLE_TIME_FINE.address] = ticks.astype('>u4')
+        parts = {
+            identifier: [struct.pack('>HB', identifier, len(row)) + row for row in rows_of(column)]
+            for identifier, column in columns.items()
+        }
+        wanted = [
+            (parts[output.identifier], due.get(output, sent).tolist()) for output in self.outputs
+        ]
+        return [
+            xbus.encode(Mid.DATA, b''.join(part[k] for part, with_it in wanted if with_it[k]))
+            if carries
+            else b''
+            for k, carries in enumerate(sent.tolist())
+        ]
 
     def _columns(self, samples: Samples) -> dict[int, np.ndarray]:
         """Return the bytes of each output, row by row."""

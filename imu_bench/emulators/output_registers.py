@@ -13,17 +13,6 @@ class OutputRegisters:
 
     With block update a word stays as it is from the moment its low byte is read until its
     high byte is; without, the two may belong to different samples.
-
-    Parameters
-    ----------
-    memory : RegisterMemory
-    first : Register
-        All words.
-
-    Attributes
-    ----------
-    waiting, overwritten : int
-        One bit per word: new and not read yet; replaced before it was read.
     """
 
     def __init__(self, memory: RegisterMemory, first: Register) -> None:

@@ -8,25 +8,12 @@ What is common to all chips with registers is here; a chip's own file adds what 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Protocol
+from typing import Any
 
 from imu_bench.emulators.line import Line
 from imu_bench.errors import NoAnswer
 from imu_bench.registers import Channel, Field, Register, Value
-from imu_bench.samples import Samples
 import numpy as np
-
-
-class Source(Protocol):
-    """What a chip samples, as `imu_bench.simulation.chip.SensorSource` gives it."""
-
-    def samples_until(self, t_ns: int) -> Samples:
-        """Return the samples made since the last call, up to and including `t_ns`."""
-        ...
-
-    def restart(self, t_ns: int, nominal_hz: float | None = None) -> None:
-        """Sample anew from `t_ns` on, at another rate if one is given."""
-        ...
 
 
 def or_zero(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
@@ -34,23 +21,13 @@ def or_zero(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
     return np.zeros(shape) if values is None else values
 
 
+def numbers(*registers: Register) -> frozenset[int]:
+    """Return the number of every byte of some registers."""
+    return frozenset(register.number + k for register in registers for k in range(register.size))
+
+
 class RegisterMemory:
-    """
-    The bytes of one die.
-
-    Parameters
-    ----------
-    registers : iterable of Register
-        Every register there is; other addresses read as zero and ignore what is written.
-
-    Examples
-    --------
-    >>> control = Register(0x10, reset=0x38)
-    >>> memory = RegisterMemory([control, Register(0x0F, reset=0x68, access='ro')])
-    >>> memory.write(0x0F, 0)
-    >>> memory.word(control), memory.read(0x0F)
-    (56, 104)
-    """
+    """The bytes of one die."""
 
     def __init__(self, registers: Iterable[Register]) -> None:
         self._registers = tuple(registers)
@@ -59,11 +36,17 @@ class RegisterMemory:
             for register in self._registers
             for k in range(register.size)
         }
+        self._plain = frozenset(
+            number
+            for number, register in self._owner.items()
+            if register.access != 'wo' and not register.clear_on_read
+        )
         self._bytes: dict[int, int] = {}
         self.reset()
 
     def reset(self) -> None:
         """Give every register its value after power-up."""
+        self.fifo_stuck = False
         for register in self._registers:
             self.set(register, register.reset or 0)
 
@@ -73,6 +56,8 @@ class RegisterMemory:
 
     def read(self, number: int) -> int:
         """Return a byte as the wire sees it; a register that empties on read is emptied."""
+        if number in self._plain:
+            return self._bytes[number]
         register = self._owner.get(number)
         if register is None or register.access == 'wo':
             return 0
@@ -96,12 +81,15 @@ class RegisterMemory:
 
     def set(self, register: Register, word: int) -> None:
         """Set the word of a register, from inside the chip."""
-        self.fill(register, register.pack(word))
+        if register.size == 1:
+            self._bytes[register.number] = word
+        else:
+            self.fill(register, register.pack(word))
 
     def fill(self, register: Register, data: bytes, start: int = 0) -> None:
         """Set the bytes of a register, from inside the chip; the first ones, or from `start`."""
-        for k, byte in enumerate(data):
-            self._bytes[register.number + start + k] = byte
+        first = register.number + start
+        self._bytes.update(zip(range(first, first + len(data)), data, strict=True))
 
     def code(self, field: Field) -> int:
         """Return the code in a field, from inside the chip."""
@@ -128,15 +116,14 @@ class EmulatedChip:
 
     A chip overrides `advance` to make samples, `written` to react to settings, `reading` to
     refresh what is about to be read.  `ports` are the registers that do not increment, `quiet`
-    those where a burst starts that time does not change.
-
-    Parameters
-    ----------
-    registers : iterable of Register
+    those where a burst starts that time does not change, `made` those that are made when they
+    are read, `watched` those of which the chip notices that they were.
     """
 
     ports: frozenset[int] = frozenset()
     quiet: frozenset[int] = frozenset()
+    made: frozenset[int] = frozenset()
+    watched: frozenset[int] = frozenset()
 
     def __init__(self, registers: Iterable[Register]) -> None:
         self.memory = RegisterMemory(registers)
@@ -149,8 +136,15 @@ class EmulatedChip:
         """Return whether the chip acknowledges its address."""
         return True
 
+    def takes_silently(self, number: int, at_ns: int) -> bool:
+        """Return whether what was just written took effect without an acknowledge."""
+        return False
+
     def advance(self, to_ns: int) -> None:
         """Let the chip live until a time."""
+
+    def about_to_change(self) -> None:
+        """Prepare for another setting."""
 
     def decode_address(self, first: int) -> tuple[int, bool]:
         """Return the register number of an address byte, and whether it increments."""
@@ -161,10 +155,10 @@ class EmulatedChip:
         return number + 1
 
     def reading(self, number: int, at_ns: int) -> None:
-        """Prepare a byte that is about to be read."""
+        """Prepare a byte that is about to be read, of those in `made`."""
 
     def was_read(self, number: int, at_ns: int) -> None:
-        """React to a byte that was read."""
+        """React to a byte that was read, of those in `watched`."""
 
     def written(self, register: Register, at_ns: int) -> None:
         """React to a register that was written."""
@@ -174,19 +168,7 @@ class EmulatedChip:
         return bytes(self.memory.read(number) for _ in range(length))
 
     def read(self, first: int, length: int, at_ns: int, byte_ns: float) -> bytes:
-        """
-        Return what the chip drives onto the wire.
-
-        Parameters
-        ----------
-        first : int
-            Address byte, with the burst bit the wiring asks for.
-        length : int
-        at_ns : int
-            Time of the first data byte.
-        byte_ns : float
-            Time per byte.
-        """
+        """Return what the chip drives onto the wire."""
         number, increments = self.decode_address(first)
         if number not in self.quiet:
             self.advance(at_ns)
@@ -195,15 +177,18 @@ class EmulatedChip:
             if number in self.ports:
                 out += self.read_port(number, length - len(out), at_ns, byte_ns)
                 break
-            self.reading(number, at_ns)
+            if number in self.made:
+                self.reading(number, at_ns)
             out.append(self.memory.read(number))
-            self.was_read(number, at_ns)
+            if number in self.watched:
+                self.was_read(number, at_ns)
             number = self.following(number) if increments else number
         return bytes(out)
 
     def write(self, first: int, data: bytes, at_ns: int) -> None:
         """Take what the wire brings."""
         self.advance(at_ns)
+        self.about_to_change()
         number, increments = self.decode_address(first)
         for byte in data:
             self.memory.write(number, byte)
@@ -214,21 +199,7 @@ class EmulatedChip:
 
 
 class EmulatedBus:
-    """
-    A RegisterBus on which an emulated chip lives.
-
-    Parameters
-    ----------
-    name : str
-        For error texts and diagnostics; says that it is emulated.
-    line : Line
-        Shared by the chips on one wire.
-    chip : EmulatedChip
-    increment : int
-        The bit that the real bus would set in the register number of a burst.
-    acknowledges : bool
-        I²C notices that nobody is there; SPI reads ones from an open line.
-    """
+    """A RegisterBus on which an emulated chip lives."""
 
     def __init__(
         self,
@@ -238,12 +209,15 @@ class EmulatedBus:
         increment: int = 0,
         *,
         acknowledges: bool = True,
+        stretch_s: float = 0.0,
     ) -> None:
-        self.name = name
-        self.line = line
+        self.name = name  # for error texts and diagnostics; says that it is emulated
+        self.line = line  # shared by the chips on one wire
         self.chip = chip
+        # I²C notices that nobody is there; SPI reads ones from an open line
         self.acknowledges = acknowledges
         self._increment = increment
+        self._stretch_ns = stretch_s * 1e9
 
     def read(self, register: int, length: int) -> bytes:
         """Return `length` bytes from `register` on, in one transaction."""
@@ -254,7 +228,7 @@ class EmulatedBus:
                 return b'\xff' * length
             return self.chip.read(first, length, at_ns, byte_ns)
 
-        return self.line.read(length, answer)
+        return self.line.read(length, answer, self._stretch_ns)
 
     def write(self, register: int, data: bytes) -> None:
         """Write bytes from `register` on, in one transaction."""
@@ -262,9 +236,12 @@ class EmulatedBus:
 
         def answer(at_ns: int, byte_ns: float) -> None:
             if self._answered(at_ns):
+                number, _ = self.chip.decode_address(first)
                 self.chip.write(first, data, at_ns)
+                if self.acknowledges and self.chip.takes_silently(number, at_ns):
+                    raise self._silence()
 
-        self.line.write(len(data), answer)
+        self.line.write(len(data), answer, self._stretch_ns)
 
     def close(self) -> None:
         """Do nothing: the chip stays where it is."""
@@ -272,5 +249,8 @@ class EmulatedBus:
     def _answered(self, at_ns: int) -> bool:
         answers = self.chip.answers(at_ns)
         if self.acknowledges and not answers:
-            raise NoAnswer(f'{self.name}: nothing answers; check power, wiring and address')
+            raise self._silence()
         return answers
+
+    def _silence(self) -> NoAnswer:
+        return NoAnswer(f'{self.name}: nothing answers; check power, wiring and address')

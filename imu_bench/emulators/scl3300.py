@@ -8,11 +8,13 @@ that of the moment in which they go out.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from imu_bench.bus.framing.murata import crc8, ERROR, frame, NORMAL, STARTING
 from imu_bench.drivers.scl3300 import INTERNAL_HZ, Scl3300
+from imu_bench.emulators.ahead import Ahead, Source
 from imu_bench.emulators.frames import EmulatedFrameBus
 from imu_bench.emulators.low_pass import LowPass
-from imu_bench.emulators.register_map import Source
 from imu_bench.emulators.socket import Socket
 from imu_bench.samples import Samples
 from imu_bench.units import STANDARD_GRAVITY
@@ -25,27 +27,27 @@ BANDWIDTH_HZ = {1: 40.0, 2: 70.0, 3: 10.0, 4: 10.0}  # DS table 12
 # DS gives no limit for modes 3 and 4 but their use up to 10°: what the word can hold is assumed
 FULL_SCALE = {1: 1.2, 2: 2.4, 3: 32767 / 12000, 4: 32767 / 12000}
 _PRESENT_IN_BANK_1 = frozenset({*range(0x01, 0x07), 0x19, 0x1A, 0x1F})
+_MEASURED = frozenset(
+    register.address + k
+    for register in (S.ACC, S.TEMPERATURE, S.ANG)
+    for k in range(register.size // 2)
+)
 SCA3300 = 0x51  # WHOAMI of the sister part
 TEMPERATURES = -50.0, 150.0  # DS table 7: °C
 _STATUS, _WHOAMI = S.STATUS.address, S.WHOAMI.address
 _POWER_UP_FLAGS = S.supply_error.mask
 
 
-class Scl3300Chip:
-    """
-    The registers behind the frames.
+class _Made(NamedTuple):
+    """What the chip makes of samples, row by row: words by address; too much; too hot or cold."""
 
-    Parameters
-    ----------
-    source : Source
-        Sampled at the chip's 2000 Hz times its own error.
-    start_ns : int
-        Power-up.
-    serial : int
-        Serial number.
-    self_test : int
-        Word of the self-test output.
-    """
+    rows: list[dict[int, int]]
+    saturated: np.ndarray
+    hot: list[bool]
+
+
+class Scl3300Chip:
+    """The registers behind the frames."""
 
     foreign = False
 
@@ -57,9 +59,9 @@ class Scl3300Chip:
         serial: int = 1021704154,
         self_test: int = 0,
     ) -> None:
-        self._source = source
+        self._source = Ahead(source, self.converted, lambda: (self._filter,))
         self._serial = serial
-        self.self_test = self_test
+        self.self_test = self_test  # word of the self-test output
         self.power_up(start_ns)
 
     def power_up(self, at_ns: int) -> None:
@@ -118,6 +120,8 @@ class Scl3300Chip:
             return 0
         if address == _STATUS:
             return self.status
+        if address in _MEASURED:
+            return self._words[address]
         fixed = {
             S.STO.address: self.self_test & 0xFFFF,
             S.ERR_FLAG1.address: self.error_flags[0],
@@ -130,6 +134,7 @@ class Scl3300Chip:
         return fixed.get(address, self._words[address])
 
     def _write(self, address: int, data: int, at_ns: int) -> None:
+        self._source.rewind()
         if address == S.SELBANK.address:
             self._bank = data & 1
         elif self._bank == 0 and address == S.ANG_CTRL.address:
@@ -156,40 +161,47 @@ class Scl3300Chip:
         if to_ns - self._now_ns > IDLE_NS:
             self._source.restart(to_ns - IDLE_NS // 10)
         self._now_ns = to_ns
-        samples = self._source.samples_until(to_ns)
-        if len(samples) and not self._asleep:
-            self._take(samples)
+        for _, made, first, last in self._source.until(to_ns):
+            if not self._asleep:
+                self._take(made, first, last)
 
-    def _take(self, samples: Samples) -> None:
+    def converted(self, samples: Samples) -> _Made:
+        """Return the words of each sample, and which of them are beyond the limits."""
+        n = len(samples)
+        words: dict[int, list[int]] = {}
+        saturated, hot = np.zeros(n, np.bool_), [False] * n
         if samples.acceleration is not None:
             force = self._filter.filter(samples.acceleration)
-            self._store(S.ACC.address, S.acceleration.encode(force[-1:], self._mode))
-            if np.abs(force).max() > FULL_SCALE[self._mode] * STANDARD_GRAVITY * (1 + 1e-9):
-                self.status |= S.saturation.mask
-            angles = samples.inclination
-            angles = tilt(force[-1:]) if angles is None else angles[-1:]
-            words = S.inclination.encode(angles if self._angles_on else np.zeros((1, 3)))
-            self._store(S.ANG.address, words)
+            _spread(words, S.ACC.address, S.acceleration.encode(force, self._mode))
+            full_scale = FULL_SCALE[self._mode] * STANDARD_GRAVITY * (1 + 1e-9)
+            saturated = (np.abs(force) > full_scale).any(axis=1)
+            angles = samples.inclination if samples.inclination is not None else tilt(force)
+            angles = angles if self._angles_on else np.zeros((n, 3))
+            _spread(words, S.ANG.address, S.inclination.encode(angles))
         if samples.temperature is not None:
-            celsius = samples.temperature[-1:]
-            self._store(S.TEMPERATURE.address, S.temperature.encode(celsius))
-            if not TEMPERATURES[0] <= celsius[0] <= TEMPERATURES[1]:
-                self.status |= S.temperature_saturation.mask
+            celsius = samples.temperature
+            _spread(words, S.TEMPERATURE.address, S.temperature.encode(celsius)[:, np.newaxis])
+            hot = ((celsius < TEMPERATURES[0]) | (celsius > TEMPERATURES[1])).tolist()
+        rows = [dict(zip(words, row, strict=True)) for row in zip(*words.values(), strict=True)]
+        return _Made(rows or [{}] * n, saturated, hot)
 
-    def _store(self, address: int, words: np.ndarray) -> None:
-        for k, word in enumerate(words.ravel().tolist()):
-            self._words[address + k] = word & 0xFFFF
+    def _take(self, made: _Made, first: int, last: int) -> None:
+        """Keep the newest sample, and whether one went beyond."""
+        self._words.update(made.rows[last - 1])
+        if made.saturated[first:last].any():
+            self.status |= S.saturation.mask
+        if made.hot[last - 1]:
+            self.status |= S.temperature_saturation.mask
+
+
+def _spread(words: dict[int, list[int]], first: int, encoded: np.ndarray) -> None:
+    """Put the columns of words, shape (n, k), to the registers from an address on."""
+    for k, column in enumerate(np.asarray(encoded).T):
+        words[first + k] = (column.astype(np.int64) & 0xFFFF).tolist()
 
 
 def tilt(force: np.ndarray) -> np.ndarray:
-    """
-    Return the angle of each axis above the horizontal, rad (DS section 2.11).
-
-    Examples
-    --------
-    >>> np.degrees(tilt(np.array([[0.5, 0.0, 0.8660254]]))).round(6).tolist()
-    [[30.0, 0.0, 60.0]]
-    """
+    """Return the angle of each axis above the horizontal, rad (DS section 2.11)."""
     squares = force**2
     others = np.sqrt(squares.sum(axis=1, keepdims=True) - squares)
     return np.asarray(np.arctan2(force, others))

@@ -20,13 +20,6 @@ class Surroundings:
     A quantity as a slower die sees it: the mean since it looked last.
 
     The mean of white noise has the density of what it is the mean of.
-
-    Examples
-    --------
-    >>> seen = Surroundings(3)
-    >>> seen.add(np.array([1, 2, 3]), np.array([[1.0, 0, 0], [3.0, 0, 0], [9.0, 0, 0]]))
-    >>> seen.until(2).tolist(), seen.until(2).tolist(), seen.until(3).tolist()
-    ([2.0, 0.0, 0.0], [2.0, 0.0, 0.0], [9.0, 0.0, 0.0])
     """
 
     def __init__(self, columns: int) -> None:
@@ -53,17 +46,7 @@ class Surroundings:
 
 
 class SecondDie(EmulatedChip, ABC):
-    """
-    What such dies have in common; a chip adds its registers, and is powered up when it is made.
-
-    Parameters
-    ----------
-    registers : iterable of Register
-    look : callable
-        Lets the first die live until a time, so that the surroundings are known.
-    rate_error : float
-        Relative error of its oscillator.
-    """
+    """What such dies have in common; a chip adds its registers and is powered up when made."""
 
     def __init__(
         self,

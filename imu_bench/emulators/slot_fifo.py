@@ -8,38 +8,15 @@ from collections.abc import Iterable
 
 
 class SlotFifo:
-    """
-    Samples in the order in which they came, one to a slot.
-
-    Parameters
-    ----------
-    depth : int
-        Slots.
-    repeats : bool
-        Once it was emptied, it gives the last slot again before the next one, as some chips
-        do (LSM303C datasheet, page 19, on stream mode).
-
-    Attributes
-    ----------
-    depth : int
-    overrun : bool
-        A slot was overwritten, and none taken out since.
-
-    Examples
-    --------
-    >>> fifo = SlotFifo(2)
-    >>> fifo.push([b'a', b'b', b'c'])
-    >>> fifo.overrun, len(fifo), fifo.take(3), fifo.overrun
-    (True, 2, b'bcc', False)
-    """
+    """Samples in the order in which they came, one to a slot."""
 
     def __init__(self, depth: int, *, repeats: bool = False) -> None:
-        self.depth = depth
-        self.overrun = False
+        self.depth = depth  # slots
+        self.overrun = False  # a slot was overwritten, and none taken out since
         self._repeats = repeats
         self._slots: deque[bytes] = deque()
         self._last = b''
-        self._again = False
+        self._again = self._stopped = False
 
     def __len__(self) -> int:
         return len(self._slots)
@@ -52,11 +29,13 @@ class SlotFifo:
     def clear(self) -> None:
         """Empty it."""
         self._slots.clear()
-        self.overrun = self._again = False
+        self.overrun = self._again = self._stopped = False
 
     def push(self, slots: Iterable[bytes], *, stops_when_full: bool = False) -> None:
-        """Append slots; a full FIFO drops the oldest, or takes no more."""
-        self._slots.extend(slots)
+        """Append slots; a full FIFO drops the oldest, or takes no more until it is cleared."""
+        if not self._stopped:
+            self._slots.extend(slots)
+        self._stopped |= stops_when_full and len(self._slots) >= self.depth
         while len(self._slots) > self.depth:
             self.overrun = True
             self._slots.pop() if stops_when_full else self._slots.popleft()

@@ -7,32 +7,19 @@ from dataclasses import dataclass
 
 from imu_bench.bus.interface import Clock
 from imu_bench.drivers.driver import Driver
+from imu_bench.emulators.ahead import Source
 from imu_bench.emulators.line import Line
-from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, Source
+from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip
 
 
 @dataclass(frozen=True)
 class Socket:
-    """
-    Where an emulated chip is put.
-
-    Attributes
-    ----------
-    driver : type of Driver
-    kind : str
-        One of the driver's `bus_kinds`.
-    name : str
-        For error texts and diagnostics; says that it is emulated.
-    source : Source
-        What the chip samples.
-    clock : Clock
-    line : Line
-    """
+    """Where an emulated chip is put."""
 
     driver: type[Driver]
-    kind: str
-    name: str
-    source: Source
+    kind: str  # one of the driver's `bus_kinds`
+    name: str  # for error texts and diagnostics; says that it is emulated
+    source: Source  # what the chip samples
     clock: Clock
     line: Line
 
@@ -41,4 +28,7 @@ class Socket:
         on_i2c, wiring = self.kind == 'i2c', self.driver.wiring[part]
         increment = wiring.i2c_increment if on_i2c else wiring.spi_increment
         name = f'{self.name} {part}'.rstrip()
-        return EmulatedBus(name, self.line, chip, increment, acknowledges=on_i2c)
+        stretch_s = wiring.i2c_stretch_s if on_i2c else 0.0
+        return EmulatedBus(
+            name, self.line, chip, increment, acknowledges=on_i2c, stretch_s=stretch_s
+        )

@@ -24,19 +24,10 @@ STEP_NS = 1_000_000
 
 
 class StreamDevice(ABC):
-    """
-    What lives at the end of a line.
+    """What lives at the end of a line."""
 
-    Attributes
-    ----------
-    baud : int
-        Speed at which it talks; 0 on USB, where any will do.
-    foreign : bool
-        Whether it answers as another part.
-    """
-
-    baud = 0
-    foreign = False
+    baud = 0  # speed at which it talks; 0 on USB, where any will do
+    foreign = False  # whether it answers as another part
 
     @abstractmethod
     def power_up(self, at_ns: int) -> None:
@@ -57,24 +48,14 @@ class EmulatedStream:
 
     Bytes arrive when the line has carried them.  What the device wants to send while the line
     is busy waits in it; when more than `device_bytes` wait, a message is lost as a whole.
-
-    Parameters
-    ----------
-    name : str
-        For error texts and diagnostics; says that it is emulated.
-    clock : Clock
-    device : StreamDevice
-    baud : int
-        Of this end.
-    device_bytes : int
     """
 
     def __init__(
         self, name: str, clock: Clock, device: StreamDevice, baud: int, device_bytes: int = 512
     ) -> None:
-        self.name = name
+        self.name = name  # for error texts and diagnostics; says that it is emulated
         self.chip = device
-        self.baud = baud
+        self.baud = baud  # of this end
         self._clock = clock
         self._device_bytes = device_bytes
         self._coming: deque[tuple[float, float, bytes]] = deque()

@@ -6,6 +6,8 @@ Definitions follow W. J. Riley, "Handbook of Frequency Stability Analysis", NIST
 (2008), section 5.2, with a rate (of rotation, or specific force) in the place of fractional
 frequency and its integral in the place of phase.
 
+The total, Thêo and time interval errors of one stretch are in `deviations.total`.
+
 Samples lie on their true time grid.  Where some are missing, only differences whose
 averages are complete count, unless `min_share` allows for less; nothing is interpolated.
 """
@@ -25,14 +27,13 @@ from imu_bench.metrology.deviations.allan_curve import (
     build_curve,
     curve_from_sums,
     NoAveragingTime,
-    oadev_from_sums,
     possible,
 )
 from imu_bench.metrology.deviations.allan_family import MEMBERS
 from imu_bench.metrology.deviations.averaging import averaging_factors, BASE, decimation, Taus
-from imu_bench.metrology.deviations.confidence import check_level
 from imu_bench.metrology.deviations.integral import cumulate, refuse_unfinite, TOO_LARGE
-from imu_bench.metrology.estimate import CONFIDENCE
+from imu_bench.metrology.estimate import check_confidence, CONFIDENCE
+from imu_bench.metrology.stretches import stretches
 from imu_bench.units import canonical
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +46,6 @@ __all__ = [
     'deviation',
     'deviations',
     'dynamic_deviation',
-    'oadev_from_sums',
 ]
 
 Floats = npt.NDArray[np.float64]
@@ -119,10 +119,6 @@ def deviation(
         Below 1 the mean is taken over those present; what that costs is said in
         `imu_bench.metrology.deviations.partial`.
 
-    Returns
-    -------
-    DeviationCurve
-
     Raises
     ------
     DataError
@@ -182,20 +178,7 @@ def deviation(
 
 
 def deviations(data: npt.ArrayLike, rate_hz: float, **options: Any) -> tuple[DeviationCurve, ...]:
-    """
-    Return one curve for each axis of data of shape (n, axes); see `deviation`.
-
-    Raises
-    ------
-    DataError
-        As `deviation`, and if the data are not of shape (n, axes).
-
-    Examples
-    --------
-    >>> data = np.random.default_rng(7).normal(size=(1000, 3))
-    >>> [curve.kind for curve in deviations(data, 100.0, kind='mdev')]
-    ['mdev', 'mdev', 'mdev']
-    """
+    """Return one curve for each axis of data of shape (n, axes); see `deviation`."""
     columns = np.asarray(data)
     if columns.ndim != 2:
         raise DataError(f'data must have shape (n, axes), got {columns.shape}; see deviation()')
@@ -204,22 +187,11 @@ def deviations(data: npt.ArrayLike, rate_hz: float, **options: Any) -> tuple[Dev
 
 @dataclass(frozen=True, eq=False)
 class DynamicDeviation:
-    """
-    Deviation curves of a window that moves along a record.
+    """Deviation curves of a window that moves along a record."""
 
-    Attributes
-    ----------
-    start : ndarray of float64, shape (w,)
-        Start of each window in s after the first sample.
-    window : float
-        Length of the window in s.
-    curves : tuple of DeviationCurve or None, length w
-        None where gaps leave not one averaging time.
-    """
-
-    start: Floats
-    window: float
-    curves: tuple[DeviationCurve | None, ...]
+    start: Floats  # start of each window in s after the first sample
+    window: float  # length of the window in s
+    curves: tuple[DeviationCurve | None, ...]  # None where gaps leave not one averaging time
 
     def surface(self) -> tuple[Floats, Floats, Integers]:
         """
@@ -253,7 +225,6 @@ def dynamic_deviation(
 
     Parameters
     ----------
-    data : array_like, shape (n,)
     rate_hz : float
         Sample rate in Hz.
     window_s, step_s : float
@@ -359,7 +330,7 @@ def _runs(mask: Mask | None, points: int) -> Integers:
     """Return the runs of a phase with one point more than the mask, or as many."""
     if mask is None:
         return np.array([[0, points]], np.int64)
-    runs = allan_kernels.complete_runs(mask)
+    runs = stretches(mask)
     runs[:, 1] += points - mask.size
     return runs
 
@@ -381,4 +352,4 @@ def _check(
         if value not in known:
             raise DataError(f'unknown {name} {value!r}; known are {", ".join(known)}')
     _check_rate(rate_hz)
-    check_level(confidence)
+    check_confidence(confidence)

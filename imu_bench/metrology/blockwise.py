@@ -57,7 +57,7 @@ def default_threads() -> int:
     return min(4, os.cpu_count() or 1)
 
 
-class Desk:
+class WorkArrays:
     """Work arrays of one size: as many as there are threads that use one at the same time."""
 
     def __init__(self, size: int) -> None:
@@ -81,11 +81,6 @@ def square_sum(values: Floats) -> float:
 
     A stack of dot products reads the data once and leaves the lock of the interpreter alone;
     each is too short for the linear algebra library to start threads of its own.
-
-    Examples
-    --------
-    >>> square_sum(np.arange(20_000.0))
-    2666466670000.0
     """
     whole = values.size // _DOT * _DOT
     rows = values[:whole].reshape(-1, 1, _DOT)

@@ -14,7 +14,7 @@ from typing import Literal
 
 from imu_bench.errors import DataError
 from imu_bench.metrology.curve import DeviationCurve
-from imu_bench.metrology.estimate import CONFIDENCE, Estimate
+from imu_bench.metrology.estimate import check_confidence, CONFIDENCE, Estimate
 from imu_bench.metrology.fitting.correlation_time import likeliest, processes
 from imu_bench.metrology.fitting.filter_fit import candidates
 from imu_bench.metrology.fitting.fit_range import choose_range, Range, START_MISFIT
@@ -69,10 +69,6 @@ def fit(
         Candidate terms, letters of 'QNBKR'; with 'G' also one Gauss-Markov process, whose
         correlation time is searched (some 20 ms).
 
-    Returns
-    -------
-    NoiseModel
-
     Raises
     ------
     DataError
@@ -104,14 +100,7 @@ def fit(
 
 
 class CurveFits:
-    """
-    The fits of one curve: of power laws, and of a Gauss-Markov process besides.
-
-    Parameters
-    ----------
-    curve, confidence, terms
-        As for `fit`; terms without 'G'.
-    """
+    """The fits of one curve: of power laws, and of a Gauss-Markov process besides."""
 
     def __init__(
         self, curve: DeviationCurve, confidence: float = CONFIDENCE, terms: str = TERMS
@@ -126,9 +115,9 @@ class CurveFits:
         count = self._points.size
         return _nothing(self._curve, self._confidence, count) if count < FEWEST else None
 
-    def model(self, chosen: Range) -> NoiseModel:
-        """Return the noise coefficients of a fit."""
-        return Report(chosen, self._curve.unit, self._confidence).model()
+    def model(self, chosen: Range, reported: str = TERMS) -> NoiseModel:
+        """Return the noise coefficients of a fit; see `Report.model`."""
+        return Report(chosen, self._curve.unit, self._confidence).model(reported)
 
     @cached_property
     def powers(self) -> Range:
@@ -189,14 +178,15 @@ def _problem(
 ) -> Problem:
     m, usable = curve.m[points], None
     if curve.kind != 'oadev' or curve.samples < curve.span:
-        whole = overlapped_degrees(curve.alpha[points], m, curve.period, curve.span)
+        whole = overlapped_degrees(curve.alpha[points], m, curve.period, curve.samples)
         # what gaps or another estimator cost or gain
         usable = np.clip(curve.edf[points] / whole, 0.02, 2.0)
     return prepare(
         m,
         curve.deviation[points],
         curve.period,
-        curve.span,
+        # a hole tells nothing, however long it is
+        curve.samples,
         terms,
         usable=usable,
         correlation_time=correlation_time,
@@ -213,8 +203,7 @@ def _check(curve: DeviationCurve, confidence: float, terms: str) -> None:
         raise DataError(
             f'terms must be different letters of {TERMS}, and G besides, got {terms!r}'
         )
-    if not 0.0 < confidence < 1.0:
-        raise DataError(f'confidence must lie between 0 and 1, got {confidence}')
+    check_confidence(confidence)
 
 
 def _nothing(curve: DeviationCurve, confidence: float, points: int) -> NoiseModel:

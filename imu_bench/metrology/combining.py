@@ -21,24 +21,7 @@ def symmetric(
     freedom: float = math.inf,
     method: str = '',
 ) -> Estimate:
-    """
-    Return an estimate from a standard error, by Student's distribution.
-
-    Parameters
-    ----------
-    value, error : float
-        Value and standard error.
-    unit : str
-    confidence : float
-    freedom : float
-        Degrees of freedom of the error.
-    method : str
-
-    Examples
-    --------
-    >>> round(symmetric(0.0, 1.0, 'rad', 0.95).high, 3)
-    1.96
-    """
+    """Return an estimate from a standard error, by Student's distribution."""
     tail = 0.5 + confidence / 2.0
     quantile = special.ndtri(tail) if math.isinf(freedom) else special.stdtrit(freedom, tail)
     half = error * float(quantile)
@@ -98,28 +81,7 @@ def difference(first: Estimate, second: Estimate) -> Estimate:
 def sample_statistics(
     values: npt.ArrayLike, unit: str, confidence: float
 ) -> tuple[Estimate, Estimate]:
-    """
-    Return mean and standard deviation (n - 1) of a few independent numbers.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-    unit : str
-        That of the values.
-    confidence : float
-        Level of the intervals: Student's t for the mean, chi-squared for the deviation.
-
-    Raises
-    ------
-    DataError
-        If there are fewer than two.
-
-    Examples
-    --------
-    >>> mean, std = sample_statistics([1.0, 2.0, 3.0], '1', 0.95)
-    >>> mean.value, std.value, round(mean.high, 2), round(std.high, 2)
-    (2.0, 1.0, 4.48, 6.28)
-    """
+    """Return mean and standard deviation (n - 1) of a few independent numbers."""
     numbers = np.asarray(values, np.float64)
     if numbers.size < 2:
         raise DataError('a spread needs two numbers or more')

@@ -30,54 +30,26 @@ alpha 2 is quantisation, 0 is angle or velocity random walk, -1 bias instability
 
 @dataclass(frozen=True, eq=False)
 class DeviationCurve:
-    """
-    One deviation of one axis against averaging time.  All arrays have shape (k,).
+    """One deviation of one axis against averaging time.  All arrays have shape (k,)."""
 
-    Attributes
-    ----------
-    kind : str
-        'oadev', 'adev', 'mdev', 'tdev', 'hdev', 'ohdev' or 'totdev'.
-    unit : str
-        Unit of the deviation.
-    period : float
-        Sample period tau0 in s.
-    samples : int
-        Samples that went in, gaps not counted.
-    span : int
-        Length of the true time grid in samples, gaps counted.
-    m : ndarray of int64
-        Averaging factor; ``tau = m * period``.
-    tau, deviation, low, high : ndarray of float64
-        Averaging time in s, deviation, and its interval at `confidence`.
-    edf : ndarray of float64
-        Equivalent chi-squared degrees of freedom of the deviation squared.
-    terms : ndarray of int64
-        Complete differences that went into each point.
-    alpha : ndarray of int64
-        Power-law exponent identified at each point (`NOISE_NAMES`).
-    confidence : float
-        Level of `low` and `high`.
-    omitted : tuple of (float, str)
-        Averaging times asked for that the data cannot give, each with the reason.
-    min_share : float
-        Least share of its samples that an average had to have: 1 if only complete ones count.
-    """
-
-    kind: str
-    unit: str
-    period: float
-    samples: int
-    span: int
-    m: Integers
+    kind: str  # 'oadev', 'adev', 'mdev', 'tdev', 'hdev', 'ohdev' or 'totdev'
+    unit: str  # unit of the deviation
+    period: float  # sample period tau0 in s
+    samples: int  # samples that went in, gaps not counted
+    span: int  # length of the true time grid in samples, gaps counted
+    m: Integers  # averaging factor; ``tau = m * period``
+    # tau, deviation, low, high: averaging time in s, deviation, and its interval at `confidence`
     tau: Floats
     deviation: Floats
     low: Floats
     high: Floats
-    edf: Floats
-    terms: Integers
-    alpha: Integers
-    confidence: float = CONFIDENCE
+    edf: Floats  # equivalent chi-squared degrees of freedom of the deviation squared
+    terms: Integers  # complete differences that went into each point
+    alpha: Integers  # power-law exponent identified at each point (`NOISE_NAMES`)
+    confidence: float = CONFIDENCE  # level of `low` and `high`
+    # averaging times asked for that the data cannot give, each with the reason
     omitted: tuple[tuple[float, str], ...] = ()
+    # least share of its samples that an average had to have: 1 if only complete ones count
     min_share: float = 1.0
 
     def __len__(self) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from imu_bench.counting import number, with_uncertainty
 from imu_bench.errors import DataError
 from imu_bench.units import convert
 
@@ -14,46 +15,38 @@ CONFIDENCE = 0.95
 """Confidence level of intervals where the caller does not name one."""
 
 
+def check_confidence(confidence: float) -> None:
+    """Raise DataError unless a confidence level lies between 0 and 1."""
+    if not 0.0 < confidence < 1.0:
+        raise DataError(f'confidence must lie between 0 and 1, got {confidence}')
+
+
 @dataclass(frozen=True, slots=True)
 class Estimate:
     """
     A measured quantity with its confidence interval.
-
-    Attributes
-    ----------
-    value : float or None
-        Best value; None when the data cannot support one.
-    low, high : float or None
-        Two-sided confidence interval.  For a quantity that is not observable
-        `high` is the upper bound at this confidence, or None if there is none.
-    unit : str
-        Unit of all three, as `imu_bench.units` spells it; '1' for a ratio.
-    confidence : float
-        Confidence level of the interval, between 0 and 1.
-    observable : bool
-        False when the data cannot support a value.
-    reason : str
-        Why it is not observable and what would make it so.
-    method : str
-        How it was found, in a few words, where several ways exist.
 
     Examples
     --------
     >>> n = Estimate(2.0e-3, 1.9e-3, 2.1e-3, 'm/s²/√Hz')
     >>> n.to('µg/√Hz').value.__round__(1)
     203.9
-    >>> Estimate.not_observable('m/s²', 'record about 3 h', high=1e-4).value is None
-    True
+    >>> print(n.to('µg/√Hz'))
+    204 ± 10 µg/√Hz
+    >>> print(Estimate.not_observable('m/s²', 'record about 3 h', high=1e-4))
+    below 0.00010 m/s²; not observable: record about 3 h
     """
 
-    value: float | None
+    value: float | None  # best value; None when the data cannot support one
+    # low, high: two-sided confidence interval.  For a quantity that is not observable `high` is
+    # the upper bound at this confidence, or None if there is none
     low: float | None
     high: float | None
-    unit: str
-    confidence: float = CONFIDENCE
-    observable: bool = True
-    reason: str = ''
-    method: str = ''
+    unit: str  # unit of all three, as `imu_bench.units` spells it; '1' for a ratio
+    confidence: float = CONFIDENCE  # confidence level of the interval, between 0 and 1
+    observable: bool = True  # false when the data cannot support a value
+    reason: str = ''  # why it is not observable and what would make it so
+    method: str = ''  # how it was found, in a few words, where several ways exist
 
     def __post_init__(self) -> None:
         for name in ('value', 'low', 'high'):
@@ -66,8 +59,14 @@ class Estimate:
             raise DataError('an observable Estimate needs a value')
         if not self.observable and (self.value is not None or not self.reason):
             raise DataError('an Estimate that is not observable has no value, and a reason')
-        if not 0.0 < self.confidence < 1.0:
-            raise DataError(f'confidence must lie between 0 and 1, got {self.confidence}')
+        check_confidence(self.confidence)
+
+    def __str__(self) -> str:
+        unit = '' if self.unit == '1' else f' {self.unit}'
+        if self.value is not None:
+            return with_uncertainty(self.value, self.low, self.high) + unit
+        bound = '' if self.high is None else f'below {number(self.high, 2)}{unit}; '
+        return f'{bound}not observable: {self.reason}'
 
     @classmethod
     def not_observable(

@@ -40,19 +40,11 @@ the record 87.5 % instead of 88 % (simulated, 95 % asked).
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """
-    First and second moments of several axes, block by block.
+    """First and second moments of several axes, block by block."""
 
-    Attributes
-    ----------
-    count : ndarray of int64, shape (blocks,)
-        Samples per block.
-    mean, square : ndarray of float64, shape (axes, blocks)
-        Mean of every block, and mean of the squared deviation from the mean of
-        the whole axis.
-    """
-
-    count: npt.NDArray[np.int64]
+    count: npt.NDArray[np.int64]  # samples per block
+    # mean, square: mean of every block, and mean of the squared deviation from the mean of the
+    # whole axis
     mean: Floats
     square: Floats
 
@@ -225,12 +217,6 @@ def error_of_mean(blocks: Floats) -> tuple[float, float]:
     mean is estimated as well (F. H. C. Marriott and J. A. Pope 1954, "Bias in the estimation of
     autocorrelations", Biometrika 41:390), -r/K more here, for K - 1 products are divided by K
     squares (the tests find the same by simulation).
-
-    Examples
-    --------
-    >>> error, freedom = error_of_mean(np.array([1.0, 3.0, 2.0, 1.0, 3.0, 2.0, 3.0, 1.0]))
-    >>> round(error, 3), freedom
-    (0.327, 7.0)
     """
     values = blocks
     while True:

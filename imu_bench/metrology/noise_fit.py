@@ -13,7 +13,7 @@ from imu_bench.metrology.coefficients import CurveFits
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import CONFIDENCE
 from imu_bench.metrology.fitting.fit_range import Range
-from imu_bench.metrology.fitting.noise_model import NoiseModel
+from imu_bench.metrology.fitting.noise_model import NoiseModel, TERMS
 
 DOUBTFUL = 1.5
 """Mean squared residual of power laws that one of 50 records of such noise exceeds."""
@@ -28,7 +28,9 @@ SHORTEST = 20.0
 """Shortest correlation time of a bias, in sample periods: a filter's is shorter."""
 
 
-def fitted(curve: DeviationCurve, confidence: float = CONFIDENCE) -> NoiseModel:
+def fitted(
+    curve: DeviationCurve, confidence: float = CONFIDENCE, reported: str = TERMS
+) -> NoiseModel:
     """
     Return the noise model of a curve.
 
@@ -43,6 +45,9 @@ def fitted(curve: DeviationCurve, confidence: float = CONFIDENCE) -> NoiseModel:
         Allan deviation.
     confidence : float
         Level of the intervals.
+    reported : str
+        Coefficients whose estimates are wanted, N among them.  Intervals and bounds take most
+        of the time; the fit itself does not depend on this.
 
     Raises
     ------
@@ -62,20 +67,20 @@ def fitted(curve: DeviationCurve, confidence: float = CONFIDENCE) -> NoiseModel:
         return fits.none
     powers = fits.powers
     if powers.chi2 <= DOUBTFUL and not _odd(powers, curve):
-        return fits.model(powers)
+        return fits.model(powers, reported)
     chosen = fits.with_process
     if chosen is None or not chosen.described:
-        return fits.model(powers)
+        return fits.model(powers, reported)
     # a curve described from an earlier start on is described better at the same residual
     better = 1.0 if chosen.problem.tau[0] < powers.problem.tau[0] else BETTER
     if chosen.chi2 * better > powers.chi2:
-        return fits.model(powers)
-    whole = fits.model(chosen)
+        return fits.model(powers, reported)
+    whole = fits.model(chosen, reported)
     process = whole.gauss_markov
     if process is None or process.T_c.value is None:
-        return fits.model(powers)
+        return fits.model(powers, reported)
     if process.T_c.value < SHORTEST * curve.period or not whole.N.observable:
-        return fits.model(powers)
+        return fits.model(powers, reported)
     flag = (
         f'a Gauss-Markov process with T_c = {process.T_c.value:.2g} s is part of the fit: without '
         f'it the noise terms leave {powers.chi2 / whole.chi2:.2g} times the residual'

@@ -51,56 +51,30 @@ _FINE = 4096
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """
-    A histogram with the normal distribution of the same mean and standard deviation.
+    """A histogram with the normal distribution of the same mean and standard deviation."""
 
-    Attributes
-    ----------
-    edges : ndarray, shape (bins + 1,)
-        Between the codes of quantised data, never on one.
-    count : ndarray of int64, shape (bins,)
-    expected : ndarray, shape (bins,)
-        Counts of the normal distribution.
-    unit : str
-        Unit of the edges.
-    below, above : int
-        Samples outside the edges.
-    """
-
-    edges: Floats
+    edges: Floats  # between the codes of quantised data, never on one
     count: Integers
-    expected: Floats
-    unit: str
+    expected: Floats  # counts of the normal distribution
+    unit: str  # unit of the edges
+    # below, above: samples outside the edges
     below: int
     above: int
 
 
 @dataclass(frozen=True)
 class Normality:
-    """
-    How far noise is from normal.
+    """How far noise is from normal."""
 
-    Attributes
-    ----------
-    verdict : str
-        'normal' (no departure seen), 'practically normal' (a departure is
-        certain, but below the tolerance), 'not normal', or 'undecided' (the
-        record is too short to tell).
-    distance : Estimate
-        Largest difference of the distribution functions (Kolmogorov's D).
-    skewness, kurtosis : Estimate
-        Third standardised moment, and excess of the fourth; 0 if normal.
-    p_value : float
-        Probability of this skewness and kurtosis in normal noise.
-    beyond_three_sigma : float
-        Share of samples beyond three standard deviations; 0.0027 if normal.
-    """
-
+    # 'normal' (no departure seen), 'practically normal' (a departure is certain, but below the
+    # tolerance), 'not normal', or 'undecided' (the record is too short to tell)
     verdict: str
-    distance: Estimate
+    distance: Estimate  # largest difference of the distribution functions (Kolmogorov's D)
+    # skewness, kurtosis: third standardised moment, and excess of the fourth; 0 if normal
     skewness: Estimate
     kurtosis: Estimate
-    p_value: float
+    p_value: float  # probability of this skewness and kurtosis in normal noise
+    # share of samples beyond three standard deviations; 0.0027 if normal
     beyond_three_sigma: float
 
 
@@ -121,7 +95,6 @@ def histogram(data: npt.ArrayLike, unit: str, bins: int | None = None) -> Histog
 
     Parameters
     ----------
-    data : array_like, shape (n,)
     unit : str
         Unit of the data.
     bins : int, optional

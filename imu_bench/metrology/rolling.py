@@ -19,7 +19,7 @@ from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.deviations import noise_type
 from imu_bench.metrology.deviations.allan_curve import curve_from_sums, NoAveragingTime, possible
 from imu_bench.metrology.deviations.averaging import averaging_factors
-from imu_bench.metrology.estimate import CONFIDENCE, Estimate
+from imu_bench.metrology.estimate import check_confidence, CONFIDENCE, Estimate
 from imu_bench.metrology.moments import Moments
 from imu_bench.metrology.sliding.rolling_intake import Intake, PENDING, Piece
 from imu_bench.metrology.sliding.sample_ring import SampleRing
@@ -35,6 +35,12 @@ Integers = npt.NDArray[np.int64]
 MARGIN = 1.1
 """A sensor may be faster than announced by a tenth and still fill the whole window."""
 
+SLACK = 16
+"""
+The window is moved to the front of its memory after a 16th of it has passed: a quarter takes 17 %
+more memory and is no faster (3.4 to 3.9 µs per sample of six axes either way).
+"""
+
 IMU_UNITS = ('m/s²',) * 3 + ('rad/s',) * 3
 
 _LEAST = 3
@@ -44,40 +50,29 @@ _NANO = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """
-    The state of a sliding window.
+    """The state of a sliding window."""
 
-    Attributes
-    ----------
-    start_ns, end_ns : int
-        Stamps of its first and last sample; cut a recording there to get the same samples.
-    samples, missing : int
-        Samples in it, and samples missing in its gaps.
-    period_s : float
-        Measured sample period.
-    curves : tuple of DeviationCurve or None, one per axis
-        Overlapped Allan deviation; None where an axis is not measured or the window
-        is still too short.
-    rms, mean, std : tuple of Estimate, one per axis
-        RMS about the mean, mean, and standard deviation; not observable where an
-        axis is not measured.
-    truncated : bool
-        Whether samples came so much faster than announced that the memory does not
-        hold the whole window.
-    left_out, duplicates, order_faults : int
-        Samples dropped since the start: not finite, repeated, out of order.
-    """
-
+    # start_ns, end_ns: stamps of its first and last sample; cut a recording there to get the same
+    # samples
     start_ns: int
     end_ns: int
+    # samples, missing: samples in it, and samples missing in its gaps
     samples: int
     missing: int
-    period_s: float
+    period_s: float  # measured sample period
+    # overlapped Allan deviation; None where an axis is not measured or the window is still too
+    # short
     curves: tuple[DeviationCurve | None, ...]
+    # rms, mean, std: RMS about the mean, mean, and standard deviation; not observable where an
+    # axis is not measured
     rms: tuple[Estimate, ...]
     mean: tuple[Estimate, ...]
     std: tuple[Estimate, ...]
+    # whether samples came so much faster than announced that the memory does not hold the whole
+    # window
     truncated: bool
+    # left_out, duplicates, order_faults: samples dropped since the start: not finite, repeated,
+    # out of order
     left_out: int
     duplicates: int
     order_faults: int
@@ -105,11 +100,6 @@ class RollingAnalysis:
         Averaging times in s at that rate; evenly spaced logarithms by default.
     confidence : float
         Level of the intervals.
-
-    Attributes
-    ----------
-    m : ndarray of int64
-        Averaging factors.
 
     Raises
     ------
@@ -144,14 +134,14 @@ class RollingAnalysis:
             units = IMU_UNITS
         if units is None or axes < 1 or len(units) != axes:
             raise DataError(f'{axes} axes need a unit each, got {units}')
-        if not 0.0 < confidence < 1.0:
-            raise DataError(f'confidence must lie between 0 and 1, got {confidence}')
+        check_confidence(confidence)
         samples = round(window_s * rate_hz)
         if samples < _LEAST:
             raise DataError(f'{window_s:g} s at {rate_hz:g} Hz hold fewer than {_LEAST} samples')
         # the true rate may be above the nominal one: its window holds longer averages
         most = math.ceil(samples * MARGIN) + BIN
         self._grid = taus is None
+        # averaging factors
         self.m = averaging_factors(
             most if self._grid else samples, 'log' if taus is None else list(taus), rate_hz
         )
@@ -159,7 +149,7 @@ class RollingAnalysis:
         self._confidence = confidence
         self._window_ns = round(window_s / _NANO)
         self._nominal_s = 1.0 / rate_hz
-        self._ring = SampleRing(axes, most, max(most // 4, 8 * BIN) + PENDING)
+        self._ring = SampleRing(axes, most, max(most // SLACK, 8 * BIN) + PENDING)
         self._sums = WindowSums(self._ring, self.m)
         self._intake = Intake(axes, self._nominal_s / _NANO, most)
         self._staged: list[tuple[Integers, Floats]] = []
@@ -169,6 +159,12 @@ class RollingAnalysis:
     def nbytes(self) -> int:
         """Memory in bytes, fixed at construction but for a block of samples in transit."""
         return self._ring.nbytes + self._sums.nbytes
+
+    @property
+    def span_s(self) -> float:
+        """Time from the first to the last sample of the window."""
+        stamps = self._ring.stamps_from(self._ring.since(self._window_ns))
+        return float(stamps[-1] - stamps[0]) * _NANO if stamps.size else 0.0
 
     def _clear(self) -> None:
         """Begin an empty window."""
@@ -183,7 +179,6 @@ class RollingAnalysis:
 
         Parameters
         ----------
-        stamps_ns : array_like of int64, shape (n,)
         values : array_like, shape (n, axes)
             A column of NaN is an axis that is not measured; other rows that are
             not finite are left out and counted.

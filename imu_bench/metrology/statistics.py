@@ -32,62 +32,38 @@ _SAMPLE = 1 << 14
 
 @dataclass(frozen=True, eq=False)
 class Outliers:
-    """
-    Samples too far out to belong to the noise.
-
-    Attributes
-    ----------
-    count : int
-    indices : ndarray of int64
-        Where the `LISTED_OUTLIERS` largest are, in order.
-    threshold : float
-        Distance from `centre` beyond which a sample is an outlier.
-    centre, scale : float
-        Median, and standard deviation from the median absolute deviation.
-    """
+    """Samples too far out to belong to the noise."""
 
     count: int
-    indices: npt.NDArray[np.int64]
-    threshold: float
+    indices: npt.NDArray[np.int64]  # where the `LISTED_OUTLIERS` largest are, in order
+    threshold: float  # distance from `centre` beyond which a sample is an outlier
+    # centre, scale: median, and standard deviation from the median absolute deviation
     centre: float
     scale: float
 
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """
-    Statistics of one axis at rest.
+    """Statistics of one axis at rest."""
 
-    Attributes
-    ----------
-    samples, left_out : int
-        Samples that went in; samples left out as not finite, or as outliers if asked.
-    mean, std : Estimate
-        Bias, and standard deviation (n - 1).
-    rms, rms_total : Estimate
-        RMS about the mean, and about zero.
-    minimum, maximum, peak, peak_to_peak : Estimate
-        Extremes of this record; `peak` is the largest distance from the mean.
-        They grow with the length of a record and carry no interval.
-    three_sigma : Estimate
-        Three standard deviations.
-    freedom : float
-        Equivalent degrees of freedom of the variance.
-    outliers : Outliers
-    """
-
+    # samples, left_out: samples that went in; samples left out as not finite, or as outliers if
+    # asked
     samples: int
     left_out: int
+    # mean, std: bias, and standard deviation (n - 1)
     mean: Estimate
     std: Estimate
+    # rms, rms_total: RMS about the mean, and about zero
     rms: Estimate
     rms_total: Estimate
+    # minimum, maximum, peak, peak_to_peak: extremes of this record; `peak` is the largest distance
+    # from the mean. They grow with the length of a record and carry no interval
     minimum: Estimate
     maximum: Estimate
     peak: Estimate
     peak_to_peak: Estimate
-    three_sigma: Estimate
-    freedom: float
+    three_sigma: Estimate  # three standard deviations
+    freedom: float  # equivalent degrees of freedom of the variance
     outliers: Outliers
 
 
@@ -104,7 +80,6 @@ def describe(
 
     Parameters
     ----------
-    data : array_like, shape (n,)
     unit : str
         Unit of the data.
     confidence : float
@@ -228,23 +203,6 @@ def outliers(data: npt.ArrayLike) -> Outliers:
     ASQC Basic References in Quality Control 16).  Their fixed limit of 3.5 would call
     five in ten thousand good samples outliers; here the limit grows with the number of
     samples, so that normal noise has one outlier in twenty records, whatever their length.
-
-    Parameters
-    ----------
-    data : array_like, shape (n,)
-        Finite samples.
-
-    Raises
-    ------
-    DataError
-        If there are none.
-
-    Examples
-    --------
-    >>> x = np.random.default_rng(1).normal(size=10_000)
-    >>> x[[5, 77]] = 40.0, -30.0
-    >>> outliers(x).indices.tolist()
-    [5, 77]
     """
     values = np.asarray(data, dtype=np.float64)
     if values.size == 0:
@@ -264,6 +222,41 @@ def outliers(data: npt.ArrayLike) -> Outliers:
     return Outliers(int(found.size), listed, threshold, centre, scale)
 
 
+def without_spikes(
+    values: Floats, positions: npt.NDArray[np.int64], neighbours: int = 4
+) -> Floats:
+    """
+    Return data with single samples in the place of which the median of their neighbours stands.
+
+    That is what a Hampel filter does (R. K. Pearson, "Outliers in process modeling and
+    identification", IEEE Trans. Control Syst. Technol. 10(1) (2002)).  Replacing a share p takes
+    or adds at most p of the variance of white noise, p/2 of N, and leaves slow noise alone; a
+    missing sample would break every long average that holds it.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Samples; NaN are no neighbours.
+    positions : ndarray of int64, shape (k,)
+        Where the spikes are.
+    neighbours : int
+        Samples on either side that the median is taken of.
+
+    Examples
+    --------
+    >>> without_spikes(np.array([1.0, 2.0, 90.0, 2.0, 3.0]), np.array([2])).tolist()
+    [1.0, 2.0, 2.0, 2.0, 3.0]
+    """
+    settled = workspace.empty(values.size, np.float64)
+    settled[:] = values
+    settled[positions] = np.nan
+    reach = np.concatenate([np.arange(-neighbours, 0), np.arange(1, neighbours + 1)])
+    near = np.clip(positions[:, None] + reach, 0, values.size - 1)
+    beside = np.where(np.isnan(settled[near]).all(axis=1)[:, None], 0.0, settled[near])
+    settled[positions] = np.nanmedian(beside, axis=1) if positions.size else settled[positions]
+    return settled
+
+
 def variance_ratio(
     numerator: Statistics, denominator: Statistics, confidence: float = CONFIDENCE
 ) -> Estimate:
@@ -272,25 +265,6 @@ def variance_ratio(
 
     The interval is that of the F distribution with the equivalent degrees of
     freedom of both; it assumes that the two records are independent.
-
-    Parameters
-    ----------
-    numerator, denominator : Statistics
-        Of one axis each, in the same unit.
-    confidence : float
-        Level of the interval.
-
-    Raises
-    ------
-    DataError
-        If the units differ, or a standard deviation is missing or zero.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> noisy, quiet = (describe(rng.normal(0, s, 5000), 'm/s²') for s in (3.0, 1.0))
-    >>> round(variance_ratio(noisy, quiet).value, 1)
-    9.1
     """
     if numerator.std.unit != denominator.std.unit:
         raise DataError(
@@ -304,26 +278,3 @@ def variance_ratio(
     low = value / float(special.fdtri(first, second, 1.0 - tail))
     high = value * float(special.fdtri(second, first, 1.0 - tail))
     return Estimate(value, low, high, '1', confidence, method='F distribution')
-
-
-def std_ratio(
-    numerator: Statistics, denominator: Statistics, confidence: float = CONFIDENCE
-) -> Estimate:
-    """
-    Return the ratio of the standard deviations of two sensors; see `variance_ratio`.
-
-    Raises
-    ------
-    DataError
-        If the units differ, or a standard deviation is missing or zero.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> noisy, quiet = (describe(rng.normal(0, s, 5000), 'm/s²') for s in (3.0, 1.0))
-    >>> round(std_ratio(noisy, quiet).value, 1)
-    3.0
-    """
-    square = variance_ratio(numerator, denominator, confidence)
-    value, low, high = (math.sqrt(v or 0.0) for v in (square.value, square.low, square.high))
-    return Estimate(value, low, high, '1', confidence, method=square.method)

@@ -14,7 +14,7 @@ import math
 
 from imu_bench.errors import DataError
 from imu_bench.metrology.curve import Floats
-from imu_bench.metrology.estimate import CONFIDENCE, Estimate
+from imu_bench.metrology.estimate import check_confidence, CONFIDENCE, Estimate
 from imu_bench.metrology.fitting.noise_model import (
     coefficient_unit,
     density_basis,
@@ -24,7 +24,8 @@ from imu_bench.metrology.fitting.noise_model import (
     TERMS,
 )
 from imu_bench.metrology.fitting.scoring import granted, minus_two_log_likelihood, scored, subsets
-from imu_bench.metrology.fitting.uncertainty import cumulants, Response
+from imu_bench.metrology.fitting.uncertainty import Response, third_cumulant_in, variance_in
+from imu_bench.metrology.stretches import longest
 import numpy as np
 import numpy.typing as npt
 from scipy import fft, special
@@ -109,34 +110,15 @@ def fit(
         Fit one Gauss-Markov process of this T_c in s besides, so that a bias with a memory is
         not taken for one of the terms.
 
-    Returns
-    -------
-    NoiseModel
-        R is not observable.
-
-    Raises
-    ------
-    DataError
-        If the data are not one-dimensional or not finite, or the rate, the confidence, the
-        terms or the correlation time make no sense.
-
     Notes
     -----
     P. Whittle, Arkiv för Matematik 2 (1953) 423: ordinates of the periodogram are independent
     and S(f) χ²_2/2.  Here tapered (Hann), averaged in logarithmic bins, lines left out.
-
-    Examples
-    --------
-    >>> x = np.random.default_rng(1).standard_normal(100_000)
-    >>> model = fit(x, 100.0)
-    >>> model.terms, round(model.N.value, 2)
-    ('N', 0.1)
     """
     x = _longest_piece(np.asarray(data, np.float64), valid)
     if not (math.isfinite(rate_hz) and rate_hz > 0.0):
         raise DataError(f'the sample rate must be positive, got {rate_hz} Hz')
-    if not 0.0 < confidence < 1.0:
-        raise DataError(f'confidence must lie between 0 and 1, got {confidence}')
+    check_confidence(confidence)
     if not terms or len(set(terms)) < len(terms) or set(terms) - set(SPECTRAL_TERMS):
         raise DataError(f'terms must be different letters of {SPECTRAL_TERMS}, got {terms!r}')
     if correlation_time is not None and not correlation_time > 0.0:
@@ -156,7 +138,7 @@ def fit(
     # a process, the last row of the basis, is there for the sake of the terms
     for at, term in enumerate(terms):
         own_unit = coefficient_unit(unit, term)
-        found[term] = _estimate(binned, squares, at, term, confidence).scaled(scale, own_unit)
+        found[term] = estimate(binned, squares, at, term, confidence).scaled(scale, own_unit)
         if squares[at] > 0.0:
             fitted[term] = scale * math.sqrt(squares[at])
     return _model(unit, found, fitted, confidence, 'not asked for, or without a spectrum (R)')
@@ -170,7 +152,6 @@ def disagreements(
 
     Parameters
     ----------
-    first, second : NoiseModel
     false_alarm : float
         Largest probability of any sentence where both describe the noise; shared by all
         coefficients that can be compared.
@@ -239,12 +220,7 @@ def _longest_piece(x: Floats, valid: npt.ArrayLike | None) -> Floats:
     good = np.ones(x.size, np.bool_) if valid is None else np.asarray(valid, np.bool_)
     if good.shape != x.shape:
         raise DataError(f'valid has shape {good.shape}, data {x.shape}')
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
-    starts, ends = edges[::2], edges[1::2]
-    if not starts.size:
-        return x[:0]
-    longest = int(np.argmax(ends - starts))
-    piece = x[starts[longest] : ends[longest]]
+    piece = x[longest(good)]
     if not np.all(np.isfinite(piece)):
         raise DataError('data hold NaN or infinite samples; mark them in valid')
     return piece
@@ -316,23 +292,23 @@ def _likeliest(binned: Binned) -> Floats:
     return np.asarray(squares[int(np.argmin(np.where(positive, misfit, np.inf)))], np.float64)
 
 
-def _estimate(binned: Binned, squares: Floats, at: int, term: str, confidence: float) -> Estimate:
+def estimate(binned: Binned, squares: Floats, at: int, term: str, confidence: float) -> Estimate:
     """Return one coefficient, or its bound if it may be a chance of the other noise."""
-    response = _response(binned, squares, at)
+    answer = response(binned, squares, at)
     value = float(squares[at])
-    if value <= 0.0 or response.significance() > SIGNIFICANCE:
+    if value <= 0.0 or answer.significance() > SIGNIFICANCE:
         # weighted for as much of the term as could hide, see fit_report
         designed = squares.copy()
-        designed[at] = max(response.value, 0.0) + 2.0 * response.spread(value)
-        response = _response(binned, designed, at)
+        designed[at] = max(answer.value, 0.0) + 2.0 * answer.spread(value)
+        answer = response(binned, designed, at)
         return Estimate.not_observable(
             '1',
             f'{TERM_NAMES[term]} does not rise above the scatter of the spectrum',
-            high=math.sqrt(response.upper_bound(confidence)),
+            high=math.sqrt(answer.upper_bound(confidence)),
             confidence=confidence,
             method=METHOD,
         )
-    low, high = response.interval(confidence)
+    low, high = answer.interval(confidence)
     return Estimate(
         math.sqrt(value),
         math.sqrt(min(low, value)),
@@ -343,7 +319,7 @@ def _estimate(binned: Binned, squares: Floats, at: int, term: str, confidence: f
     )
 
 
-def _response(binned: Binned, squares: Floats, at: int) -> Response:
+def response(binned: Binned, squares: Floats, at: int) -> Response:
     """Return how the estimate of one square answers to noise."""
     model = squares @ binned.basis
     weights = granted(binned.degrees) / model**2
@@ -352,13 +328,12 @@ def _response(binned: Binned, squares: Floats, at: int) -> Response:
     normal = (columns * weights) @ columns.T + 1e-12 * np.eye(len(columns))
     row = (np.linalg.solve(normal, columns * weights) * scale[:, None])[[at]]
     own = binned.basis[[at]]
-    second, third = cumulants(
-        (model - squares[at] * own) * row,
-        own * row,
-        2.0 / binned.degrees,
-        8.0 / binned.degrees**2,
+    others, own = (model - squares[at] * own) * row, own * row
+    return Response(
+        float((row @ binned.density)[0]),
+        variance_in(others, own, 2.0 / binned.degrees)[0],
+        third_cumulant_in(others, own, 8.0 / binned.degrees**2)[0],
     )
-    return Response(float((row @ binned.density)[0]), second[0], third[0])
 
 
 def _model(

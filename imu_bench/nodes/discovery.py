@@ -11,24 +11,7 @@ from rclpy.node import Node
 def matching(
     topics: Iterable[tuple[str, Iterable[str]]], type_name: str = '', suffix: str = ''
 ) -> dict[str, str]:
-    """
-    Return the topics of a type whose name ends in `suffix`, as name to type, sorted.
-
-    Parameters
-    ----------
-    topics : iterable of (str, iterable of str)
-        Names and types as ``Node.get_topic_names_and_types()`` gives them.
-    type_name : str
-        Such as 'sensor_msgs/msg/Imu'; empty for every type.
-    suffix : str
-        Whole last parts of the name, such as 'imu/data_raw'; empty for every name.
-
-    Examples
-    --------
-    >>> graph = [('/bench/b/imu/data_raw', ['sensor_msgs/msg/Imu']), ('/rosout', ['rcl/Log'])]
-    >>> matching(graph, 'sensor_msgs/msg/Imu', 'imu/data_raw')
-    {'/bench/b/imu/data_raw': 'sensor_msgs/msg/Imu'}
-    """
+    """Return the topics of a type whose name ends in `suffix`, as name to type, sorted."""
     found = {}
     for name, types in topics:
         # a topic that two nodes use with two types cannot be subscribed to by name
@@ -43,3 +26,8 @@ def matching(
 def find(node: Node, type_name: str = '', suffix: str = '') -> dict[str, str]:
     """Return the topics the node can see now that match; see `matching`."""
     return matching(node.get_topic_names_and_types(), type_name, suffix)
+
+
+def hidden(topic: str) -> bool:
+    """Return whether a topic is hidden: a part of its name begins with an underscore."""
+    return '/_' in topic

@@ -9,7 +9,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from imu_bench import bench
 from imu_bench.acquisition import AcquisitionStats, Aftermath, FaultWatch
-from imu_bench.bus.clock import SystemClock
+from imu_bench.bus.interface import Clock
 from imu_bench.config import SensorConfig
 from imu_bench.samples import Samples
 from msg_conversions import building
@@ -19,33 +19,14 @@ LATE_S = 2.0
 
 
 class FaultReport:
-    """
-    What a script does to one sensor; without a script there is nothing to say.
+    """What a script does to one sensor; without a script there is nothing to say."""
 
-    Parameters
-    ----------
-    config : SensorConfig
-    log : logger of rclpy
-
-    Attributes
-    ----------
-    clock : SystemClock
-    switched_on_ns : int
-        From when on the faults count: now.
-
-    Raises
-    ------
-    ConfigError
-        If a fault cannot happen to this sensor.
-    """
-
-    def __init__(self, config: SensorConfig, log: Any) -> None:
-        self.clock = SystemClock()
-        self.switched_on_ns = self.clock.now_ns()
+    def __init__(self, config: SensorConfig, log: Any, clock: Clock, switched_on_ns: int) -> None:
+        self._clock, self._switched_on_ns = clock, switched_on_ns
         self._config = config
         self._log = log
         self._newest_ns = 0
-        self._watch = FaultWatch(bench.faults_of(config), self.switched_on_ns)
+        self._watch = FaultWatch(bench.faults_of(config), self._switched_on_ns)
         if self._watch.aftermaths:
             log.warning(f'{config.name}: faults are scripted: {len(self._watch.aftermaths)}')
 
@@ -58,7 +39,7 @@ class FaultReport:
 
     def look(self, stats: AcquisitionStats) -> bool:
         """Log what has begun or is over; return whether there was something."""
-        changed = self._watch.look(self.clock.now_ns(), stats, self._newest_ns)
+        changed = self._watch.look(self._clock.now_ns(), stats, self._newest_ns)
         for aftermath in changed:
             self._log.warning(f'{self._config.name}: {spoken(aftermath)}')
         return bool(changed)
@@ -72,7 +53,7 @@ class FaultReport:
         """Return level, one line and everything known of each fault."""
         aftermaths = self._watch.aftermaths
         going_on = [a for a in aftermaths if a.state in ('active', 'over')]
-        lasting_s = (self.clock.now_ns() - self.switched_on_ns) * 1e-9
+        lasting_s = (self._clock.now_ns() - self._switched_on_ns) * 1e-9
         late = [a for a in going_on if lasting_s > a.fault.over_s + LATE_S]
         level = 'error' if late else 'warn' if going_on else 'ok'
         begun = [a for a in aftermaths if a.state != 'planned']
@@ -87,15 +68,7 @@ class FaultReport:
 
 
 def spoken(aftermath: Aftermath) -> str:
-    """
-    Return a fault and what came of it, in one line.
-
-    Examples
-    --------
-    >>> from imu_bench.config.faults import Fault
-    >>> spoken(Aftermath(Fault('brown_out', 20.0), 'recovered', lost=190, recovery_s=0.5))
-    'emulated fault brown_out: recovered after 0.50 s, 190 samples lost'
-    """
+    """Return a fault and what came of it, in one line."""
     name = f'emulated fault {aftermath.fault.kind}'
     if aftermath.state == 'recovered':
         said = f'{name}: recovered after {aftermath.recovery_s:.2f} s'

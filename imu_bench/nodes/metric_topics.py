@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics of one sensor onto the topics beside its data."""
+"""Metrics of one sensor onto topics of their own."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from geometry_msgs.msg import Vector3Stamped
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.nodes import qos
-from imu_bench.nodes.live_analysis import LiveResult, METRICS
-from imu_bench.samples import AXES, IMU_QUANTITIES
+from imu_bench.nodes.live_analysis import LiveResult
+from imu_bench.nodes.topic_names import METRICS, metrics_below
 from msg_conversions import building
 from msg_conversions.allan_layout import GIVEN
+from msg_conversions.quantities import AXES, IMU_QUANTITIES
 import numpy.typing as npt
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -25,19 +26,11 @@ AXIS_NAMES = tuple(f'{quantity.name}.{axis}' for quantity in IMU_QUANTITIES for 
 
 
 class MetricTopics:
-    """
-    Publishes the metrics of a sensor.
-
-    Parameters
-    ----------
-    node : Node
-    data_topic : str
-        The sensor's Imu topic; the metrics appear in the same namespace.
-    """
+    """Publishes the metrics of a sensor."""
 
     def __init__(self, node: Node, data_topic: str) -> None:
         self._node = node
-        self._base = data_topic.rpartition('/')[0]
+        self._base = metrics_below(data_topic)
         self._publishers: dict[str, Publisher] = {}
 
     def publish(self, result: LiveResult) -> None:

@@ -9,7 +9,7 @@ whole by the same code that checks the files of the bench; then each setting is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 import math
 import sys
 from typing import Any
@@ -17,7 +17,13 @@ from typing import Any
 from imu_bench.config import REQUIRED, Setting
 from imu_bench.config.schema import check_all, raise_if_any
 from imu_bench.config.sensor import ROS_OWN
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterType
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+    SetParametersResult,
+)
 from rclpy.node import Node
 
 SOURCE = 'parameters'
@@ -32,37 +38,44 @@ _TYPES = {
 }
 
 
-def take_given(node: Node) -> dict[str, Any]:
-    """
-    Return the parameters that the user gave, by name, and leave none of them declared.
+NOTHING: tuple[object, ...] = (None, 'null')
+"""What the parser of rcl makes of null and of an empty list."""
 
-    Parameters
-    ----------
-    node : Node
-        Made with ``automatically_declare_parameters_from_overrides=True``.
+
+class FromDump(Node):
     """
+    A node that starts from what ``ros2 param dump`` has written.
+
+    There null is a setting not given, and an empty list a parameter without a type.
+    """
+
+    def declare_parameters(
+        self, namespace: str, parameters: Any, ignore_override: bool = False
+    ) -> Any:
+        """Declare parameters, but what a file names without a value."""
+        valued = [
+            each
+            for each in parameters
+            if len(each) < 3 or each[1] is not None or each[2].dynamic_typing
+        ]
+        return super().declare_parameters(namespace, valued, ignore_override)
+
+
+def take_given(node: Node) -> dict[str, Any]:
+    """Return the parameters that the user gave, by name, and leave none of them declared."""
     given: dict[str, Any] = {}
     for name, parameter in dict[str, Any](node.get_parameters_by_prefix('')).items():
         if name in ROS_OWN:
             continue
         # those of ROS below a prefix are declared anew, read-only, when they are needed
         node.undeclare_parameter(name)
-        if name.partition('.')[0] not in ROS_OWN and parameter.value is not None:
+        if name.partition('.')[0] not in ROS_OWN and parameter.value not in NOTHING:
             given[name] = parameter.value
     return given
 
 
 def descriptor(setting: Setting) -> ParameterDescriptor:
-    """
-    Return the descriptor of a setting, read-only unless the setting may change.
-
-    Examples
-    --------
-    >>> rate = Setting('rate_hz', 100.0, 'Output data rate.', bounds=(1.0, 400.0), unit='Hz')
-    >>> made = descriptor(rate)
-    >>> made.description, made.additional_constraints, made.floating_point_range[0].to_value
-    ('Output data rate. [Hz]', '1 to 400 Hz', 400.0)
-    """
+    """Return the descriptor of a setting, read-only unless the setting may change."""
     unit = f' [{setting.unit}]' if setting.unit else ''
     made = ParameterDescriptor(
         name=setting.name,
@@ -89,16 +102,9 @@ def _finite(bound: float) -> float:
 
 
 def declare(node: Node, settings: Iterable[Setting], given: dict[str, Any]) -> None:
-    """
-    Declare settings that have been checked, with what was given or their defaults.
-
-    Parameters
-    ----------
-    node : Node
-    settings : iterable of Setting
-    given : dict
-        From `take_given`.
-    """
+    """Declare settings that have been checked, with what was given or their defaults."""
+    untyped: Any = node  # rclpy of Jazzy has few type hints
+    untyped.add_on_set_parameters_callback(_as_started)
     for setting in settings:
         value = given.get(setting.name, setting.default)
         if value is REQUIRED:
@@ -111,15 +117,15 @@ def declare(node: Node, settings: Iterable[Setting], given: dict[str, Any]) -> N
         node.declare_parameter(setting.name, value, descriptor(setting), ignore_override=True)
 
 
-def read(node: Node, settings: Iterable[Setting]) -> dict[str, Any]:
-    """
-    Check everything the user gave against the settings, declare them, return their values.
+def _as_started(changed: Sequence[Any]) -> SetParametersResult:
+    """Keep the clock that the node was started with: stamps of two clocks do not go together."""
+    moved = any(parameter.name == 'use_sim_time' for parameter in changed)
+    reason = 'use_sim_time is for the start of the node' if moved else ''
+    return SetParametersResult(successful=not moved, reason=reason)
 
-    Raises
-    ------
-    ConfigError
-        With every problem, one line each: name, value, and what is allowed.
-    """
+
+def read(node: Node, settings: Iterable[Setting]) -> dict[str, Any]:
+    """Check everything the user gave against the settings, declare them, return their values."""
     settings = tuple(settings)
     given = take_given(node)
     problems: list[str] = []

@@ -35,8 +35,8 @@ class BenchProcesses:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, module: str, arguments: Sequence[str]) -> None:
-        """Start ``python -m module arguments`` under a name; its output goes to its log."""
-        with self.log(name).open('wb') as log:
+        """Start ``python -m module arguments`` under a name; its output is added to its log."""
+        with self.log(name).open('ab') as log:
             self._running[name] = subprocess.Popen(
                 [sys.executable, '-m', module, *arguments],
                 stdin=subprocess.DEVNULL,
@@ -66,7 +66,7 @@ class BenchProcesses:
         codes = {name: process.poll() for name, process in self._running.items()}
         return {name: code for name, code in codes.items() if code is not None}
 
-    def stop(self, names: Iterable[str] | None = None, *, timeout_s: float = 20.0) -> list[str]:
+    def stop(self, names: Iterable[str] | None = None, *, timeout_s: float = 60.0) -> list[str]:
         """
         Interrupt processes, wait for them, kill what does not end; forget them.
 
@@ -91,14 +91,7 @@ class BenchProcesses:
 
 
 def _sentence(line: str) -> str:
-    """
-    Return a line of a log without level, time and name of the logger.
-
-    Examples
-    --------
-    >>> _sentence('[FATAL] [1795256815.134590114] [imu_bench]: no such device')
-    'no such device'
-    """
+    """Return a line of a log without level, time and name of the logger."""
     return re.sub(r'^\[[A-Z]+\] \[[0-9.]+\] \[[^\]]*\]: ', '', line)
 
 

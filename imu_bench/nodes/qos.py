@@ -9,15 +9,16 @@ Both can be changed per topic with the standard read-only parameters
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from imu_bench.errors import ConfigError
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.subscription import Subscription
 
@@ -36,15 +37,46 @@ def keep_last(depth: int, reliability: str) -> QoSProfile:
     return made
 
 
-def create_publisher(node: Node, message: type, topic: str, profile: QoSProfile) -> Publisher:
-    """
-    Return a publisher whose profile the user can override.
+MEMORY = 64 * 2**20
+"""Bytes that the middleware may hold for one subscription."""
 
-    Raises
-    ------
-    ConfigError
-        If an override is not acceptable.
+MOST = 5000
+"""
+Messages that Fast DDS holds at most per topic, whatever the depth (its default of
+``resource_limits.max_samples``); a deeper history refuses new messages instead of old ones.
+"""
+
+LARGE = 64 * 2**10
+"""Bytes taken for a message whose type holds sequences: its size is not known before it comes."""
+
+
+def depth(message: Any) -> int:
+    """Return how many messages of a type a subscription may hold that wants all of them."""
+    kinds = message.get_fields_and_field_types().values()
+    return min(MOST, MEMORY // LARGE) if any('sequence<' in kind for kind in kinds) else MOST
+
+
+def requested(offered: Iterable[QoSProfile], depth: int) -> QoSProfile:
     """
+    Return a profile that every publisher can serve and that asks for as much as all offer.
+
+    As rosbag2 adapts its subscriptions (rosbag2_storage, ``Rosbag2QoS::adapt_request_to_offers``).
+    """
+    profiles = list(offered)
+    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
+    kept = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
+    make: Any = QoSProfile  # without type hints in rclpy of Jazzy
+    profile: QoSProfile = make(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
+    )
+    return profile
+
+
+def create_publisher(node: Node, message: type, topic: str, profile: QoSProfile) -> Publisher:
+    """Return a publisher whose profile the user can override."""
     make = node.create_publisher
     publisher: Publisher = _create(make, node, topic, message, topic, profile)
     return publisher
@@ -58,17 +90,12 @@ def create_subscription(
     profile: QoSProfile,
     *,
     raw: bool = False,
+    callback_group: CallbackGroup | None = None,
 ) -> Subscription:
-    """
-    Return a subscription whose profile the user can override; raw ones hand over CDR bytes.
-
-    Raises
-    ------
-    ConfigError
-        If an override is not acceptable.
-    """
+    """Return a subscription whose profile the user can override; raw ones hand over CDR bytes."""
     make = node.create_subscription
-    made: Subscription = _create(make, node, topic, message, topic, callback, profile, raw=raw)
+    options = {'raw': raw, 'callback_group': callback_group}
+    made: Subscription = _create(make, node, topic, message, topic, callback, profile, **options)
     return made
 
 

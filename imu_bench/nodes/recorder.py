@@ -4,27 +4,46 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from datetime import datetime
 from importlib import import_module
+import math
 from pathlib import Path
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from imu_bench.account import (
+    BENCH,
+    BESIDE,
+    flooded,
+    FOREIGN,
+    LEFT_OUT,
+    own_topics,
+    RECORDERS,
+    SECOND,
+    SEVERAL,
+    several,
+    several_record,
+    TURNED_AWAY,
+)
 from imu_bench.bags.background import BackgroundWriter
 from imu_bench.bags.topic_info import describe, INFINITE_NS, OfferedQos
 from imu_bench.bags.writer import BagWriter
 from imu_bench.config import Setting
 from imu_bench.config.bench import RECORDER_SETTINGS
 from imu_bench.errors import RecordingError
-from imu_bench.nodes import diagnostics, discovery, parameters, qos
-from imu_bench.nodes.topic_names import DIAGNOSTICS, SUFFIXES
+from imu_bench.nodes import diagnostics, discovery, network, parameters
+from imu_bench.nodes.intake import Intake
+from imu_bench.nodes.others import Others
+from imu_bench.nodes.publishers import recorders, UNNAMED
+from imu_bench.nodes.topic_names import DIAGNOSTICS, MEASURED, SUFFIXES
 from msg_conversions import building
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
+from msg_conversions.quantities import LINEAR_ACCELERATION, MAGNETIC_FIELD, TEMPERATURE
+import numpy as np
+import numpy.typing as npt
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sensor_msgs.msg import Imu
 
 SETTINGS = (
     Setting(
@@ -39,6 +58,13 @@ SETTINGS = (
     ),
     Setting('all_topics', False, 'Record every topic there is.'),
     Setting(
+        'sensors',
+        (),
+        'Namespaces of sensors that come up later: what these measure is recorded from their own '
+        'nodes alone, whoever else publishes it; what others measure is recorded beside it.',
+        kind='strs',
+    ),
+    Setting(
         'max_bytes',
         0,
         'Size at which the next file of the bag begins; 0 for one file.',
@@ -50,24 +76,24 @@ SETTINGS = (
 LOOK_S = 0.25
 """Seconds between two looks at the graph."""
 
-DEPTH = 2000
-"""Messages that the middleware holds per topic: two seconds of the fastest sensor."""
+NAMED_AFTER = 4
+"""Looks after which a publisher whose node is not known has none."""
+
+ENDS = tuple(f'/{end}' for end in SUFFIXES)
+
+MEASUREMENTS = frozenset(
+    q.message.type for q in (LINEAR_ACCELERATION, MAGNETIC_FIELD, TEMPERATURE)
+)
+"""Types of topics that one sensor publishes, whatever their names."""
 
 
-class RecorderNode(Node):
+class RecorderNode(parameters.FromDump):
     """
     Records topics into a bag; the messages stay the bytes that came over the wire.
 
-    Topics may come and go.  A thread writes and flushes at least once a second, so that a
-    killed recorder loses no more than that second.
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is wrong.
-    RecordingError
-        If the bag exists already or cannot be written; later, out of the spin, when the disk
-        is full or fails.
+    Topics may come and go.  One thread takes what has come, another writes and flushes at least
+    once a second, so that a killed recorder loses no more than that second.  What publishers
+    have sent and the bag does not hold is counted.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -79,21 +105,45 @@ class RecorderNode(Node):
         settings = parameters.read(self, SETTINGS)
         self._only = {self.resolve_topic_name(name) for name in settings['topics']}
         self._all = settings['all_topics']
+        self._alone = own_topics(settings['sensors'], MEASURED)
+        self._own = own_topics(settings['sensors'], SUFFIXES) - self._only
+        self._several: dict[str, str] = {}
+        self._recorders = self._second = ''
+        self._unnamed: Counter[str] = Counter()
+        self._foreign: dict[str, int] = {}
         self.path = Path(settings['output'] or f'imu_bench_{datetime.now():%Y_%m_%d-%H_%M_%S}')
-        self.received: Counter[str] = Counter()
-        self._recorded: dict[str, Subscription | None] = {}
+        bounded = () if self._all or self._only else settings['sensors']
+        self._others = Others(bounded, str(self.path))
+        self._known: set[str] = set()
+        self._of_one: dict[str, type] = {}
         self._writer = BackgroundWriter(
-            BagWriter(self.path, settings['storage'], max_bytes=settings['max_bytes'])
+            BagWriter(
+                self.path,
+                settings['storage'],
+                max_bytes=settings['max_bytes'],
+                custom={
+                    'network': network.words(),
+                    **({BENCH: ' '.join(settings['sensors'])} if settings['sensors'] else {}),
+                },
+            )
         )
-        self.create_timer(LOOK_S, self._look)
+        self._look_s = -math.inf
+        self._intake = Intake(self, self._wants, self._store, self._tend)
+        # done with the RecordingError when the disk is full or fails
+        self.ended = self._intake.ended
         self._diagnostics = diagnostics.Diagnostics(self, self._statuses)
         self.log.info(f'recording into {self.path.resolve()}')
+        self._intake.start()
+
+    @property
+    def received(self) -> Counter[str]:
+        """Messages taken, by topic."""
+        sequences = self._intake.sequences.copy()
+        return Counter({name: each.received for name, each in sequences.items()})
 
     def close(self) -> None:
-        """Write everything that has come, finish the bag, and say how it went."""
-        for subscription in self._recorded.values():
-            if subscription is not None:
-                self.destroy_subscription(subscription)
+        """Write everything that has been sent, finish the bag, and say how it went."""
+        self._intake.close(linger=self._writer.error is None)
         try:
             self._finish()
         finally:
@@ -113,115 +163,156 @@ class RecorderNode(Node):
 
     # --- topics ------------------------------------------------------------------------
 
-    def _look(self) -> None:
-        """Subscribe to what is new; stop when the bag cannot be written any more."""
+    def _tend(self) -> None:
+        """Follow what is new; stop when the bag cannot be written any more."""
         if self._writer.error is not None:
             raise self._writer.error
-        for name, kind in self._wanted().items():
-            if name not in self._recorded:
+        now = time.monotonic()
+        if now - self._look_s < LOOK_S:
+            return
+        self._look_s = now
+        for name, kind in discovery.find(self).items():
+            if name not in self._known and (self._wants(name) or self._lets_in(name, kind)):
                 publishers = self.get_publishers_info_by_topic(name)
+                if name in self._alone and not self._intake.carrier(name, publishers):
+                    continue
                 if publishers:
-                    self._recorded[name] = self._subscribe(name, kind, publishers)
+                    self._known.add(name)
+                    self._follow(name, kind, publishers)
+        for name, message in self._of_one.items():
+            self._look_for_others(name, message)
 
-    def _wanted(self) -> dict[str, str]:
-        graph = discovery.find(self)
-        if self._all:
-            return graph
-        if self._only:
-            return {name: kind for name, kind in graph.items() if name in self._only}
-        return {
-            name: kind
-            for name, kind in graph.items()
-            if name == DIAGNOSTICS or any(name.endswith('/' + end) for end in SUFFIXES)
-        }
+    def _look_for_others(self, name: str, message: type) -> None:
+        """Take note of who else publishes a topic; once seen it stays a fault."""
+        names, foreign = self._intake.several(name, message)
+        self._foreign[name] = foreign
+        # the graph knows a publisher a moment before it knows his node
+        self._unnamed[name] += UNNAMED in names
+        if UNNAMED in names and self._unnamed[name] < NAMED_AFTER:
+            return
+        if names and name not in self._several:
+            self._several[name] = ', '.join(names)
+            self.log.error(several(name, self._several[name]))
+            self._diagnostics.publish_soon()
 
-    def _subscribe(
-        self, name: str, kind: str, publishers: list[TopicEndpointInfo]
-    ) -> Subscription | None:
+    def _look_for_recorders(self) -> None:
+        """Take note of who else records the same; once seen it stays known."""
+        if not self._recorders:
+            imus = [name for name, message in self._of_one.copy().items() if message is Imu]
+            found = recorders(each for name in imus for each in self._intake.listeners(name))
+            self._recorders = ', '.join(found) if len(found) > 1 else ''
+        # one that was killed stays in the graph for a while: what speaks is there
+        if self._recorders and self._second != self._others.bag:
+            self._second = self._others.bag
+            self.log.error(several_record(self._recorders, self._second))
+
+    def _wants(self, name: str) -> bool:
+        if discovery.hidden(name):
+            return False
+        if self._all or self._only:
+            return self._all or name in self._only
+        if self._own:
+            return name == DIAGNOSTICS or name in self._own
+        return name == DIAGNOSTICS or name.endswith(ENDS)
+
+    def _lets_in(self, name: str, kind: str) -> bool:
+        """Return whether a topic of others is recorded beside those of the bench."""
+        if not self._own or self._only or kind not in MEASUREMENTS or discovery.hidden(name):
+            return False
+        return self._others.lets_in(name)
+
+    def _store(
+        self, topic: str, stamps: npt.NDArray[np.int64], rows: npt.NDArray[np.uint8]
+    ) -> None:
+        """Write messages; of others no more than there is of the bench."""
+        if topic in self._others.beside:
+            fitting = self._others.fitting(topic, rows)
+            stamps, rows = stamps[:fitting], rows[:fitting]
+        elif topic == DIAGNOSTICS:
+            kept = self._others.said(rows)
+            stamps, rows = stamps[kept], rows[kept]
+        elif topic in self._own:
+            self._others.note_own(rows.nbytes)
+        if len(rows):
+            self._writer.put(topic, stamps, rows)
+
+    def _follow(self, name: str, kind: str, publishers: list[TopicEndpointInfo]) -> None:
         message = message_class(kind)
         if message is None:
             self.log.warning(f'{name} is not recorded: its type {kind} is not installed here')
-            return None
-        offered = [publisher.qos_profile for publisher in publishers]
-        self._writer.add_topic(
-            describe(
-                name,
-                kind,
-                [offered_qos(profile) for profile in offered],
-                _type_hash(publishers),
-            )
-        )
-        return qos.create_subscription(
-            self, message, name, self._receiver(name), requested_qos(offered), raw=True
-        )
-
-    def _receiver(self, name: str) -> Callable[[bytes], None]:
-        put, received, now_ns = self._writer.put, self.received, time.time_ns
-
-        # The middleware's own time of reception would be better by a fraction of a millisecond,
-        # but the events executor of the Jazzy wheels fails on callbacks that ask for it.
-        def receive(data: bytes) -> None:
-            received[name] += 1
-            put(name, now_ns(), data)
-
-        return receive
+            return
+        if self._own and not self._wants(name):
+            self._others.beside[name] = 0
+        offered = [offered_qos(publisher.qos_profile) for publisher in publishers]
+        self._writer.add_topic(describe(name, kind, offered, _type_hash(publishers)))
+        self._intake.follow(name, message, publishers)
+        if name not in self._others.beside and (kind in MEASUREMENTS or name.endswith(ENDS)):
+            self._of_one[name] = message
 
     # --- health ------------------------------------------------------------------------
 
     def _statuses(self) -> Iterable[DiagnosticStatus]:
-        writer = self._writer
-        stored = writer.counts
+        self._look_for_recorders()
+        writer, intake = self._writer, self._intake
+        stored, sequences = writer.counts, intake.sequences.copy()
+        beside, away = self._others.beside.copy(), len(self._others.turned_away)
+        left_out = self._others.left_out
+        # whose messages never came is not known of topics of many: in a flood, of the flood
+        unaccounted = {*beside, *([DIAGNOSTICS] if left_out else [])}
+        if left_out:
+            left_out += sequences[DIAGNOSTICS].missed
+        missed = {
+            name: each.missed
+            for name, each in sequences.items()
+            if each.missed and name not in unaccounted
+        }
+        dropped = writer.dropped + intake.dropped
         level, line = 'ok', f'recording {len(stored)} topics'
-        if writer.dropped:
-            level, line = 'error', f'{writer.dropped} messages dropped: the disk is too slow'
+        if left_out:
+            level, line = 'warn', flooded(left_out)
+        if self._second:
+            level, line = 'error', several_record(self._recorders, self._second)
+        if self._several:
+            level, line = 'error', several(*next(iter(self._several.items())))
+        if missed:
+            level, line = 'error', f'{sum(missed.values())} messages missed: {", ".join(missed)}'
+        if dropped:
+            level, line = 'error', f'{dropped} messages dropped: the disk is too slow'
+        if intake.damaged:
+            level, line = 'error', f'{intake.damaged} blocks of messages damaged'
         if writer.error is not None:
             level, line = 'error', str(writer.error)
         values: dict[str, object] = {
             'bag': self.path,
-            'received': sum(self.received.values()),
+            'network': network.words(),
+            'received': sum(each.received for each in sequences.values()),
             'stored': sum(stored.values()),
             'waiting': writer.waiting,
-            'dropped': writer.dropped,
+            'spilled': writer.spilled,
+            'dropped': dropped,
             **{f'stored.{name}': count for name, count in stored.items()},
+            **{SEVERAL + name: names for name, names in self._several.items()},
+            **{FOREIGN + name: count for name, count in self._foreign.items() if count},
+            **{BESIDE + name: count for name, count in beside.items()},
+            **({TURNED_AWAY: away} if away else {}),
+            **({RECORDERS: self._recorders} if self._recorders else {}),
+            **({SECOND: self._second} if self._second else {}),
+            **({LEFT_OUT: left_out} if left_out else {}),
         }
+        for name, each in sequences.items():
+            values |= {} if name in unaccounted else each.entries(name)
         name = f'{self.get_name()}: recording'
         return [building.diagnostic_status(name, level, line, str(self.path), values)]
 
 
 def message_class(kind: str) -> type | None:
-    """
-    Return the Python class of a message type, None if it is not installed.
-
-    Examples
-    --------
-    >>> message_class('sensor_msgs/msg/Imu').__name__, message_class('my_msgs/msg/Own')
-    ('Imu', None)
-    """
+    """Return the Python class of a message type, None if it is not installed."""
     package, _, name = kind.split('/')
     try:
         found: type = getattr(import_module(f'{package}.msg'), name)
     except (ImportError, AttributeError):
         return None
     return found
-
-
-def requested_qos(offered: Iterable[QoSProfile]) -> QoSProfile:
-    """
-    Return a profile that every publisher can serve and that asks for as much as all offer.
-
-    As rosbag2 adapts its subscriptions (rosbag2_storage, ``Rosbag2QoS::adapt_request_to_offers``).
-    """
-    profiles = list(offered)
-    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
-    kept = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
-    make: Any = QoSProfile  # without type hints in rclpy of Jazzy
-    profile: QoSProfile = make(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
-    )
-    return profile
 
 
 def offered_qos(profile: Any) -> OfferedQos:

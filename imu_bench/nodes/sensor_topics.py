@@ -3,38 +3,61 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Iterable
 import math
+import secrets
+import threading
+import time
 
 from geometry_msgs.msg import Vector3Stamped
-from imu_bench.bags.sensor_messages import IMU, INCLINATION, MAGNETIC_FIELD, TEMPERATURE
+from imu_bench.bus.interface import Clock
 from imu_bench.config import SensorConfig
 from imu_bench.nodes import qos
-from imu_bench.nodes.topic_names import ORIENTATION
 from imu_bench.samples import Samples
-from msg_conversions import cdr, covariance
-from msg_conversions.templates import ImuTemplate, Template
+from msg_conversions import blocks
+from msg_conversions.encoding import independent, SensorEncoder
+from msg_conversions.quantities import IMU, TYPES
+import numpy as np
+import numpy.typing as npt
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import Imu, MagneticField, Temperature
+from std_msgs.msg import UInt8MultiArray
 
 HISTORY_S = 3.0
 """
 So much a publisher keeps for those who want every sample: after a recovery up to a second of
 samples, held back until their stamps are known, goes out at once, and may do so twice in a row.
+A longer history of single messages would take the machine down when a reader stops: Fast DDS
+copies a list of all that is not acknowledged with every message.
 """
+
+BLOCK_S = 0.03
+BLOCK_BYTES = 32 << 10
+"""
+A block has so much time in it, or so many bytes: it fits into one datagram of UDP.  Samples of a
+reading process come twenty times a second, give or take a burst: each time makes a block, and ten
+seconds of a sensor are two hundred of them.
+"""
+
+BLOCKS_KEPT = 64 << 20
+"""Bytes of blocks that a publisher keeps for a recorder that is away: 3 min at 1 kHz."""
+
+FIRST_S = 10.0
+"""
+So long the first blocks wait for somebody to take them: a recorder that was started before the
+sensor finds it within that time, and has it from the first sample on.
+"""
+
+_PROCESS = secrets.randbits(32)
 
 DELIVERY = Duration(seconds=2.0)
 """What a reliable reader has not taken by then it does not get: a publisher forgets as it goes."""
 
 _MESSAGES = {
-    IMU: Imu,
-    ORIENTATION: Imu,
-    MAGNETIC_FIELD: MagneticField,
-    TEMPERATURE: Temperature,
-    INCLINATION: Vector3Stamped,
+    f'{type_.__module__.partition(".")[0]}/msg/{type_.__name__}': type_
+    for type_ in (Imu, MagneticField, Temperature, Vector3Stamped)
 }
 
 
@@ -42,99 +65,103 @@ class SensorTopics:
     """
     Publishes Samples as serialised messages: no message object is ever made.
 
-    A topic exists as soon as the sensor has something for it.  Of the temperature, which
-    changes slowly and comes with every sample, the newest of each block is published.
-
-    Parameters
-    ----------
-    node : Node
-    config : SensorConfig
-        frame_id and standard deviations (REP-145).
-    rate_hz : float
-        Of the sensor; publishers hold one second.
-
-    Attributes
-    ----------
-    published : Counter
-        Messages per topic.
+    A topic exists as soon as the sensor has something for it.  Single messages are published
+    while somebody has subscribed to them; to the recorder and the analysis the same messages
+    go as blocks, on a hidden topic (`msg_conversions.blocks`).
     """
 
-    def __init__(self, node: Node, config: SensorConfig, rate_hz: float) -> None:
-        self.published: Counter[str] = Counter()
-        self._node = node
-        self._config = config
+    def __init__(self, node: Node, config: SensorConfig, rate_hz: float, clock: Clock) -> None:
+        # by topic how many messages, and the stamp of the last
+        self.published: dict[str, tuple[int, int]] = {}
+        self._node, self._clock = node, clock
         self._depth = max(10, math.ceil(HISTORY_S * rate_hz))
         self._publishers: dict[str, Publisher] = {}
-        self._templates: dict[tuple[bool, bool, bool], ImuTemplate] = {}
-        self._magnetic_field = Template(
-            config.frame_id,
-            (0.0, 0.0, 0.0, *covariance.diagonal(config.stddevs['magnetic_field'])),
-        )
-        self._temperature = Template(config.frame_id, (0.0, 0.0))
-        self._inclination = Template(config.frame_id, (0.0, 0.0, 0.0))
+        self._encoder = SensorEncoder(config.frame_id, independent(config.stddevs))
+        self._one = threading.Lock()
+        # the process in its upper half: a sensor that is configured anew is no second one
+        self._number = _PROCESS << 32 | secrets.randbits(32)
+        profile = qos.keep_last(BLOCKS_KEPT // BLOCK_BYTES, 'reliable')
+        self._blocks: Publisher = node.create_publisher(UInt8MultiArray, blocks.TOPIC, profile)
+        self._parts: list[blocks.Part] = []
+        self._bytes = 0
+        self._began_s = self._flushed_s = time.monotonic()
         self._publisher(IMU)
 
-    def publish(self, run: Samples) -> None:
-        """Publish everything a run carries, in the order of its stamps."""
-        if not len(run):
-            return
-        moves, turns = run.acceleration is not None, run.angular_velocity is not None
-        if moves or turns:
-            template = self._imu_template(moves, turns)
-            blobs = template.encode_imu(run.stamps, run.acceleration, run.angular_velocity)
-            self._send(IMU, blobs)
-        if run.orientation is not None:
-            template = self._imu_template(moves, turns, orientation=True)
-            motion = run.acceleration, run.angular_velocity
-            blobs = template.encode_imu(run.stamps, *motion, run.orientation)
-            self._send(ORIENTATION, blobs)
-        if run.magnetic_field is not None:
-            part = (cdr.MAGNETIC_FIELD_VECTOR, run.magnetic_field)
-            self._send(MAGNETIC_FIELD, self._magnetic_field.encode(run.stamps, part))
-        if run.temperature is not None:
-            newest = (cdr.TEMPERATURE_VALUE, run.temperature[-1:, None])
-            self._send(TEMPERATURE, self._temperature.encode(run.stamps[-1:], newest))
-        if run.inclination is not None:
-            part = (cdr.VECTOR3_VECTOR, run.inclination)
-            self._send(INCLINATION, self._inclination.encode(run.stamps, part))
+    @property
+    def heard(self) -> bool:
+        """Whether a recorder takes the blocks."""
+        topic = self._blocks.topic_name
+        found = self._node.get_subscriptions_info_by_topic(topic)
+        return any(each.node_name.startswith('recorder') for each in found)
+
+    def publish(self, runs: Iterable[Samples]) -> None:
+        """Publish everything that runs carry, in the order of their stamps."""
+        with self._one:
+            for run in runs:
+                for topic, stamps, rows in self._encoder.encode(run.stamps, run.columns):
+                    self._send(topic, int(stamps[-1]), rows)
+            if time.monotonic() - self._flushed_s >= BLOCK_S:
+                self._flush()
+
+    def flush(self) -> None:
+        """Hand over the block that is not full yet."""
+        with self._one:
+            self._flush()
 
     def close(self) -> None:
         """Take the topics down, once everybody who wants every sample has the last one."""
-        for publisher in self._publishers.values():
+        self.flush()
+        for publisher in (*self._publishers.values(), self._blocks):
             if self._node.context.ok():
                 publisher.wait_for_all_acked(DELIVERY)
             self._node.destroy_publisher(publisher)
         self._publishers.clear()
 
-    def _send(self, topic: str, blobs: list[bytes]) -> None:
-        publish: Callable[[bytes], None] = self._publisher(topic).publish
-        for blob in blobs:
-            publish(blob)
-        self.published[topic] += len(blobs)
+    def _send(self, topic: str, until_ns: int, rows: npt.NDArray[np.uint8]) -> None:
+        publisher = self._publisher(topic)
+        count, _ = self.published.get(topic, (0, 0))
+        now_ns, most = self._clock.now_ns(), max(1, BLOCK_BYTES // rows.shape[1])
+        for start in range(0, len(rows), most):
+            part = rows[start : start + most]
+            self._parts.append(blocks.Part(topic, count + start, now_ns, part))
+        self._bytes += rows.nbytes
+        self.published[topic] = count + len(rows), until_ns
+        if publisher.get_subscription_count():
+            joined, size = rows.tobytes(), rows.shape[1]
+            for edge in range(0, len(joined), size):
+                publisher.publish(joined[edge : edge + size])
+        if self._bytes >= BLOCK_BYTES:
+            self._flush()
+
+    def _flush(self) -> None:
+        now = self._flushed_s = time.monotonic()
+        if not self._parts or not self._node.context.ok():
+            return
+        heard = self._blocks.get_subscription_count()
+        if not heard and now - self._began_s < FIRST_S:
+            return
+        if heard:
+            for parts in _blocks(self._parts):
+                self._blocks.publish(blocks.encode(self._number, parts))
+        self._parts, self._bytes = [], 0
 
     def _publisher(self, topic: str) -> Publisher:
         if topic not in self._publishers:
             profile = qos.keep_last(self._depth, 'reliable')
             self._publishers[topic] = qos.create_publisher(
-                self._node, _MESSAGES[topic], topic, profile
+                self._node, _MESSAGES[TYPES[topic]], topic, profile
             )
         return self._publishers[topic]
 
-    def _imu_template(
-        self, acceleration: bool, angular_velocity: bool, orientation: bool = False
-    ) -> ImuTemplate:
-        key = (acceleration, angular_velocity, orientation)
-        if key not in self._templates:
-            stddevs = self._config.stddevs
-            names = 'linear_acceleration', 'angular_velocity', 'orientation'
-            covariances = [
-                covariance.diagonal(stddevs[name]) if present else covariance.NOT_REPORTED
-                for name, present in zip(names, key, strict=True)
-            ]
-            self._templates[key] = ImuTemplate(
-                self._config.frame_id,
-                acceleration_covariance=covariances[0],
-                angular_velocity_covariance=covariances[1],
-                orientation_covariance=covariances[2],
-            )
-        return self._templates[key]
+
+def _blocks(parts: Iterable[blocks.Part]) -> Iterable[list[blocks.Part]]:
+    """Yield so many parts together as fit into a block."""
+    held: list[blocks.Part] = []
+    size = 0
+    for part in parts:
+        if held and size + part.messages.nbytes > BLOCK_BYTES:
+            yield held
+            held, size = [], 0
+        held.append(part)
+        size += part.messages.nbytes
+    yield held

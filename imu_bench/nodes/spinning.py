@@ -18,9 +18,10 @@ nothing can be published any more while the node closes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import gc
 from importlib import import_module
+import os
 import re
 import signal
 import sys
@@ -37,11 +38,10 @@ INSTALL = (
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-_SPIN_S = 3600.0
+RECORDS, SHOWS = -5, 5
 """
-Spin in stretches of this length: without a timeout the events executor of the Jazzy wheels
-burns a whole core and is deaf to other threads (their C++ library computes an endless
-deadline that overflows).
+Nice values: who publishes and records goes before ordinary programs, who only shows goes behind.
+A step is a tenth of the processor time (sched(7)): against one busy loop 0.75 of a core, 0.25.
 """
 
 
@@ -65,7 +65,7 @@ class _Stop:
 
     def __init__(self) -> None:
         # before any other thread exists: threads inherit the mask
-        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        block_signals()
         self._asked = threading.Event()
         self._future: Any = None
         threading.Thread(target=self._collect, name='signals', daemon=True).start()
@@ -84,33 +84,20 @@ class _Stop:
             future.set_result(None)
 
 
+def block_signals() -> None:
+    """Keep SIGINT and SIGTERM from threads and processes that are started from now on."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+
+
 def run(
-    node: str,
+    node: str | Callable[[], Any],
     *,
     args: Sequence[str] | None = None,
-    executor: str = 'single',
-    imported: Callable[[], None] | None = None,
+    nice: int = 0,
 ) -> int:
-    """
-    Run one node until it is asked to stop; return the exit code of the process.
-
-    Parameters
-    ----------
-    node : str
-        'module:Class' of the node; imported late.
-    args : sequence of str, optional
-        Command line with the program's name first; sys.argv by default.
-    executor : {'single', 'events'}
-        'events' handles many more messages per second, but no guard conditions.
-    imported : callable, optional
-        Called when everything is imported and no thread of ROS exists yet.
-
-    Returns
-    -------
-    int
-        0 after SIGINT, SIGTERM or a shutdown of the context; 1 when ROS 2 is missing or
-        the node refused its parameters or failed; 2 for unknown arguments.
-    """
+    """Run a node until it is asked to stop; return the exit code of the process."""
+    with suppress(OSError):  # only root may go before others
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
     stop = _Stop()
     command = list(sys.argv if args is None else args)
     try:
@@ -124,9 +111,7 @@ def run(
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args, try_shutdown
 
-    make = _load(node)
-    if imported is not None:
-        imported()
+    make = _load(node) if isinstance(node, str) else node
     try:
         with _rcl_silent():
             rclpy.init(args=command, signal_handler_options=SignalHandlerOptions.NO)
@@ -136,34 +121,56 @@ def run(
     try:
         unknown = remove_ros_args(command)[1:]
         if unknown:
+            if {'-h', '--help'} & set(unknown):
+                print(_usage(command[0]))  # noqa: T201
+                return 0
             _logger().fatal(
                 f'unknown argument {unknown[0]!r}; parameters are given as '
                 '--ros-args -p name:=value or --ros-args --params-file FILE'
             )
             return 2
-        return _life(make, executor, stop)
+        return _life(make, stop)
     finally:
         try_shutdown()
 
 
-def _life(make: Callable[[], Any], executor_name: str, stop: _Stop) -> int:
+def _usage(program: str) -> str:
+    """Return what `--help` says."""
+    name = os.path.basename(program)
+    return (
+        f'usage: {name} [--ros-args -p NAME:=VALUE … --params-file FILE … -r __ns:=NAMESPACE]\n'
+        'its parameters, with what each may be, while it runs: ros2 param list, ros2 param '
+        'describe NODE NAME\n'
+        'what there is of topics and parameters: docs/nodes.md; all commands: imu-bench --help'
+    )
+
+
+def _life(make: Callable[[], Any], stop: _Stop) -> int:
     """Construct, spin, close and destroy the node; the context outlives it."""
     from rclpy.exceptions import ParameterException
-    from rclpy.executors import ExternalShutdownException
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
     from rclpy.task import Future
     from rclpy.utilities import ok
 
     make_future: Any = Future  # without type hints in rclpy of Jazzy
-    node, executor = None, None
+    node: Any = None
+    executor: Any = None
     try:
         _spare_the_collector()
         node = make()
-        executor = _executor(executor_name)
-        executor.add_node(node)
+        _spare_the_collector()
+        executor = SingleThreadedExecutor()
+        for each in _nodes(node):
+            for service in each.services:
+                service.callback = _refusing_nonsense(service)
+            executor.add_node(each)
         asked = getattr(node, 'ended', None) or make_future()
+        asked.add_done_callback(lambda _: executor.wake())
         stop.attach(asked)
         while ok() and not asked.done():
-            executor.spin_until_future_complete(asked, _SPIN_S)
+            # not until the future is complete: that adds a callback to it at every wake-up,
+            # 2 MB a minute (ros2/rclpy issues 1371, 1374, 1702)
+            executor.spin_once()
         if isinstance(asked.result(), BenchError):
             raise asked.result()
         return 0
@@ -189,14 +196,36 @@ def _spare_the_collector() -> None:
     gc.freeze()
 
 
-def spare_the_collector_again() -> None:
+def _refusing_nonsense(service: Any) -> Callable[[Any, Any], Any]:
     """
-    Do so for what has been imported since, as an emulated chip with its libraries.
+    Return the callback of a service, with an empty answer to a request that it cannot handle.
 
-    Nothing happens in a process that `run` has not started.
+    rclpy raises for a transition that is not registered, and for a parameter of no type, out of
+    the executor: whoever sent such a request would end the node.
     """
-    if gc.get_freeze_count():
-        _spare_the_collector()
+    handle, told = service.callback, False
+
+    def answer(request: Any, response: Any) -> Any:
+        nonlocal told
+        try:
+            return handle(request, response)
+        except Exception as error:
+            if not told:  # once: who asks without end fills no log
+                told = True
+                _logger().error(f'{service.srv_name}: refused a request: {_one_line(error)}')
+            return service.srv_type.Response()
+
+    return answer
+
+
+def _one_line(error: Exception) -> str:
+    return ' '.join(f'{type(error).__name__}: {error}'.split())
+
+
+def _nodes(made: Any) -> list[Any]:
+    """Return the nodes of what was made: itself, or those it stands for."""
+    found: list[Any] = getattr(made, 'nodes', None) or [made]
+    return found if isinstance(found, list) else [made]
 
 
 def _take_down(node: Any, executor: Any) -> None:
@@ -205,25 +234,12 @@ def _take_down(node: Any, executor: Any) -> None:
         if close is not None:
             close()
     finally:
+        for each in _nodes(node):
+            if executor is not None:
+                executor.remove_node(each)
+            each.destroy_node()
         if executor is not None:
-            executor.remove_node(node)
             executor.shutdown()
-        node.destroy_node()
-
-
-def _executor(name: str) -> Any:
-    from rclpy.executors import SingleThreadedExecutor
-
-    if name == 'events':
-        try:
-            from rclpy.experimental.events_executor import EventsExecutor
-        except ImportError:
-            _logger().warning(
-                'this rclpy has no events executor (7.1.4 and later have): messages cost more'
-            )
-        else:
-            return EventsExecutor()
-    return SingleThreadedExecutor()
 
 
 def _logger() -> Any:
@@ -252,14 +268,7 @@ def _rcl_silent() -> Iterator[None]:
 
 
 def _reason(error: str) -> str:
-    """
-    Return what rcl says without the places in its sources, and what can be done.
-
-    Examples
-    --------
-    >>> _reason("Couldn't parse params file: 'a'. Error opening YAML file, at /a.c:1")
-    "Couldn't parse params file: 'a'. Error opening YAML file; is the path right?"
-    """
+    """Return what rcl says without the places in its sources, and what can be done."""
     text = re.sub(r', at [^\s,]+:\d+', '', ' '.join(error.split()))
     hints = {
         'opening YAML': 'is the path right?',

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+import json
 import os
 from pathlib import Path
+import re
 import shutil
+from typing import Any
 
 from imu_bench.errors import RecordingError
 
@@ -22,30 +25,6 @@ def whole(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     If it ends otherwise the draft is removed, and what was at the path before is still there.
     A device or a pipe is written to directly.
-
-    Parameters
-    ----------
-    path : path
-        The file; a link stays one, what it points at is written.
-
-    Yields
-    ------
-    Path
-        Where to write; its suffix is that of the file.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; it names the file, not the draft.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with whole(Path(folder) / 'a.json') as draft:
-    ...         _ = draft.write_text('{}')
-    ...     os.listdir(folder)
-    ['a.json']
     """
     path = Path(path)
     if path.exists() and not path.is_file():
@@ -131,3 +110,28 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     """
     with whole(path) as draft:
         draft.write_text(text, encoding='utf-8')
+
+
+def write_json(path: str | os.PathLike[str], document: Mapping[str, Any]) -> None:
+    """Write a JSON document as all of ours are written, completely or not at all."""
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1)
+    write_text(path, text + '\n')
+
+
+def file_names(labels: Iterable[str]) -> list[str]:
+    """
+    Return names of files for sensors, each once, from characters that every system takes.
+
+    Examples
+    --------
+    >>> file_names(['imu/left', 'imu:left', '../x'])
+    ['imu_left', 'imu_left_2', 'x']
+    """
+    names: list[str] = []
+    for label in labels:
+        base = re.sub(r'[^A-Za-z0-9.-]+', '_', label).strip('._') or 'sensor'
+        name, number = base, 2
+        while name in names:
+            name, number = f'{base}_{number}', number + 1
+        names.append(name)
+    return names

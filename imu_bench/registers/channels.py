@@ -27,39 +27,19 @@ _Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Channel(Declaration, ABC):
-    """
-    A measured quantity: where its words are and what an LSB is worth; see Vector and Scalar.
+    """A measured quantity: where its words are and what an LSB is worth; see Vector and Scalar."""
 
-    Parameters
-    ----------
-    first : Register
-        The run of registers that holds the words.
-    quantity : str
-        Field of `Samples` that receives it.
-    unit : str
-        SI unit.
-    dtype : str
-        Word as numpy writes it, byte order included, such as '>i2'; '>i3' has three bytes.
-    si_per_lsb : float, tuple, or mapping of a value of `scaled_by` to either
-    scaled_by : Field, optional
-        The range field on which the LSB depends.
-    offset : float
-        SI value at word 0.
-    shift : int
-        Unused low bits of left-justified words.
-    limits : (int, int), or mapping of a value of `scaled_by` to that, optional
-        Smallest and largest reading, after the shift; a reading there counts as saturated.
-        Default: the whole word.
-    """
-
-    first: Register
-    quantity: str
-    unit: str
+    first: Register  # the run of registers that holds the words
+    quantity: str  # field of `Samples` that receives it
+    unit: str  # SI unit
+    # word as numpy writes it, byte order included, such as '>i2'; '>i3' has three bytes
     dtype: str
     si_per_lsb: Factor | Mapping[Any, Factor]
-    scaled_by: Field | None = None
-    offset: float = 0.0
-    shift: int = 0
+    scaled_by: Field | None = None  # the range field on which the LSB depends
+    offset: float = 0.0  # SI value at word 0
+    shift: int = 0  # unused low bits of left-justified words
+    # smallest and largest reading, after the shift; a reading there counts as saturated. Default:
+    # the whole word
     limits: Limits | Mapping[Any, Limits] | None = None
     components = 1
 
@@ -121,17 +101,19 @@ class Channel(Declaration, ABC):
         """Return readings from words as they came over the wire."""
         return words >> self.shift if self.shift else words
 
+    def within(self, words: _Array, range_: Value | None = None) -> bool:
+        """Return whether no component stands at its limit: what `saturated` nearly always says."""
+        if not words.size:
+            return True
+        # a list, because numpy takes longer for as few as a burst has
+        counts = self.counts(words).ravel().tolist()
+        low, high = self.limits_at(range_)
+        return bool(max(counts) < high and min(counts) > low)
+
     def saturated(self, words: _Array, range_: Value | None = None) -> npt.NDArray[np.bool_]:
         """Return for each row of words whether a component stands at its limit, shape (n,)."""
-        counts = self.counts(words)
+        counts = self.counts(words).reshape(-1, self.components)
         low, high = self.limits_at(range_)
-        inside = counts.size == 0 or (
-            np.maximum.reduce(counts, axis=None) < high
-            and np.minimum.reduce(counts, axis=None) > low
-        )
-        if inside:
-            return np.zeros(counts.size // self.components, dtype=np.bool_)
-        counts = counts.reshape(-1, self.components)
         return np.asarray(((counts <= low) | (counts >= high)).any(axis=1))
 
     @abstractmethod
@@ -186,12 +168,6 @@ class Vector(Channel):
     """
     A quantity with three components, shape (n, 3).
 
-    Parameters
-    ----------
-    axes : 3 x 3 of -1, 0, 1
-        Rows x, y, z of the right-handed body frame (REP-103) over the words in the order of
-        the registers.
-
     Examples
     --------
     >>> out = Register(0x03, access='ro', size=6, reset=None)
@@ -201,6 +177,8 @@ class Vector(Channel):
     [[30.0, 15.0, -45.0]]
     """
 
+    # rows x, y, z of the right-handed body frame (REP-103) over the words in the order of the
+    # registers
     axes: tuple[tuple[int, int, int], ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
     components = 3
 
@@ -258,13 +236,6 @@ class Axis(Channel):
     """
     The one axis of a vector that a sensor measures; the others are NaN, shape (n, 3).
 
-    Parameters
-    ----------
-    axis : int
-        0 for x, 1 for y, 2 for z.
-    zero : int
-        Reading at zero: 0 for two's complement, half of full scale for offset binary.
-
     Examples
     --------
     >>> out = Register(0x00, access='ro', size=2, reset=None)
@@ -274,8 +245,8 @@ class Axis(Channel):
     [[nan, nan, 1.0]]
     """
 
-    axis: int = 2
-    zero: int = 0
+    axis: int = 2  # 0 for x, 1 for y, 2 for z
+    zero: int = 0  # reading at zero: 0 for two's complement, half of full scale for offset binary
 
     def decode(self, words: _Array, range_: Value | None = None, trim: Any = 1.0) -> _Array:
         """Return SI values, shape (n, 3), of words as they came over the wire, shape (n,)."""

@@ -32,40 +32,20 @@ class Declaration:
 
 @dataclass(frozen=True, eq=False)
 class Register(Declaration):
-    """
-    One register, or a run of data registers that is read in one burst.
+    """One register, or a run of data registers that is read in one burst."""
 
-    Parameters
-    ----------
-    address : int
-        As printed in the document, without read, increment or bank bits.
-    reset : int, optional
-        Value after power-up and reset; None where the document gives none.
-    access : {'rw', 'ro', 'wo'}
-    size : int
-        Bytes.
-    addresses : int, optional
-        How many addresses it takes; default one per byte.  1 where a register is a 16-bit
-        word (SCL3300) or a data identifier (Xbus).
-    order : {'big', 'little'}
-        Byte order of a register of more than one byte.
-    bank : int, optional
-        Bank or page that has to be selected first; None: visible in every bank.
-    part : str
-        The die on which it lives, '' for the main one; each part has its own bus.
-    clear_on_read : bool
-        Reading empties it.
-    """
-
-    address: int
-    reset: int | None = 0
+    address: int  # as printed in the document, without read, increment or bank bits
+    reset: int | None = 0  # value after power-up and reset; None where the document gives none
     access: str = 'rw'
-    size: int = 1
+    size: int = 1  # bytes
+    # how many addresses it takes; default one per byte.  1 where a register is a 16-bit word
+    # (SCL3300) or a data identifier (Xbus)
     addresses: int | None = None
-    order: str = 'big'
+    order: str = 'big'  # byte order of a register of more than one byte
+    # bank or page that has to be selected first; None: visible in every bank
     bank: int | None = None
-    part: str = ''
-    clear_on_read: bool = False
+    part: str = ''  # the die on which it lives, '' for the main one; each part has its own bus
+    clear_on_read: bool = False  # reading empties it
 
     def __post_init__(self) -> None:
         if self.access not in ('rw', 'ro', 'wo') or self.order not in ('big', 'little'):
@@ -180,14 +160,7 @@ class Codes(Mapping[Value, int]):
 
 
 def describe(allowed: Mapping[Value, int] | tuple[Value, ...], unit: str = '') -> str:
-    """
-    Return allowed values as text for errors, parameter descriptors and tables.
-
-    Examples
-    --------
-    >>> describe((2, 4, 8, 16), 'g')
-    '2, 4, 8, 16 g'
-    """
+    """Return allowed values as text for errors, parameter descriptors and tables."""
     values = list(allowed)
     if len(values) > 16 and not isinstance(values[0], str):
         values = sorted(values)
@@ -200,26 +173,13 @@ def describe(allowed: Mapping[Value, int] | tuple[Value, ...], unit: str = '') -
 
 @dataclass(frozen=True, eq=False)
 class Field(Declaration):
-    """
-    Some bits of a register and what they mean.
-
-    Parameters
-    ----------
-    register : Register
-    bits : int or (int, int)
-        As the document prints them: one bit, or (highest, lowest).
-    codes : Codes, optional
-        Without a table the value is the code itself.
-    unit : str
-        Unit of the values in the table.
-    self_clearing : bool
-        The chip changes it by itself; it is not compared after configuration.
-    """
+    """Some bits of a register and what they mean."""
 
     register: Register
-    bits: int | tuple[int, int]
-    codes: Codes | None = None
-    unit: str = ''
+    bits: int | tuple[int, int]  # as the document prints them: one bit, or (highest, lowest)
+    codes: Codes | None = None  # without a table the value is the code itself
+    unit: str = ''  # unit of the values in the table
+    # the chip changes it by itself; it is not compared after configuration
     self_clearing: bool = False
 
     def __post_init__(self) -> None:

@@ -14,31 +14,6 @@ class Fifo(Declaration):
     """
     A FIFO that keeps the newest samples; with it a chip needs no emulator of its own.
 
-    Parameters
-    ----------
-    port : Register
-        Reading it does not increment: it gives the next byte.
-    frame : Frame
-        One sample.
-    depth : int
-        Samples.
-    count : Register
-        How much is in it.
-    units : int
-        What the count counts by one sample: 1, or its entries, words or bytes.
-    overrun : Field
-        Set when the oldest sample was overwritten.
-    rate : Field
-        Output data rate; its values are in Hz.
-    runs : (Field, value)
-        Samples are taken while the field has the value.
-    low_pass : float
-        -3 dB frequency over the rate; a half or more filters nothing.
-    marks : bytes
-        Bits that are set in every frame, such as a tag; as long as the frame, or none.
-    empty : bytes
-        What an empty one gives, over and over.
-
     Examples
     --------
     >>> from imu_bench.registers import Codes, Vector
@@ -51,17 +26,20 @@ class Fifo(Declaration):
     32
     """
 
-    port: Register
-    frame: Frame
-    depth: int
-    count: Register
-    overrun: Field
-    rate: Field
-    runs: tuple[Field, Value]
-    units: int = 1
-    low_pass: float = 0.5
+    port: Register  # reading it does not increment: it gives the next byte
+    frame: Frame  # one sample
+    depth: int  # samples
+    count: Register  # how much is in it
+    overrun: Field  # set when the oldest sample was overwritten
+    rate: Field  # output data rate; its values are in Hz
+    runs: tuple[Field, Value]  # samples are taken while the field has the value
+    units: int = 1  # what the count counts by one sample: 1, or its entries, words or bytes
+    low_pass: float = 0.5  # -3 dB frequency over the rate; a half or more filters nothing
+    # bits that are set in every frame, such as a tag; as long as the frame, or none
     marks: bytes = b''
-    empty: bytes = b'\0'
+    # puts the watermark on the data-ready pin; the watermark, in `units`; lets the pin rise
+    pin: tuple[Field, Register, Field] | None = None
+    empty: bytes = b'\0'  # what an empty one gives, over and over
 
     @property
     def capacity(self) -> int:

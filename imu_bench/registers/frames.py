@@ -65,7 +65,11 @@ class Frame(Declaration):
                 )
         return np.dtype(fields)
 
-    @property
+    @cached_property
+    def _as_held(self) -> bool:
+        return self._wire == self.dtype
+
+    @cached_property
     def size(self) -> int:
         """Return bytes per frame."""
         return self._wire.itemsize
@@ -73,7 +77,7 @@ class Frame(Declaration):
     def unpack(self, data: bytes) -> npt.NDArray[Any]:
         """Return the words of whole frames as a structured array, shape (n,)."""
         raw = np.frombuffer(data, dtype=self._wire)
-        if self._wire == self.dtype:
+        if self._as_held:
             return raw
         out = np.empty(len(raw), self.dtype)
         for part, name in self._named():

@@ -49,7 +49,11 @@ class Wait:
 
 @dataclass(frozen=True, eq=False)
 class Until:
-    """Read a field again and again until it has a value; an error after `timeout_s`."""
+    """
+    Read a field again and again until it has a value; an error after `timeout_s`.
+
+    A chip that does not answer meanwhile is given that time too: it may be starting.
+    """
 
     field: Field
     value: Value

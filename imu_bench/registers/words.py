@@ -26,41 +26,19 @@ def held(dtype: str) -> np.dtype[Any]:
 
 
 def size(dtype: str) -> int:
-    """
-    Return how many bytes a word takes.
-
-    Examples
-    --------
-    >>> size('>i3'), size('<i2')
-    (3, 2)
-    """
+    """Return how many bytes a word takes."""
     return 3 if is_three(dtype) else np.dtype(dtype).itemsize
 
 
 def limits(dtype: str) -> tuple[int, int]:
-    """
-    Return the smallest and the largest integer.
-
-    Examples
-    --------
-    >>> limits('>i3')
-    (-8388608, 8388607)
-    """
+    """Return the smallest and the largest integer."""
     info = np.iinfo(held(dtype))
     unused = 8 if is_three(dtype) else 0
     return int(info.min) >> unused, int(info.max) >> unused
 
 
 def widen(raw: npt.NDArray[np.uint8], dtype: str) -> npt.NDArray[Any]:
-    """
-    Return the words, shape (...,), that three bytes each make, shape (..., 3).
-
-    Examples
-    --------
-    >>> raw = np.frombuffer(bytes.fromhex('ffffff 000102'), np.uint8).reshape(2, 3)
-    >>> widen(raw, '>i3').tolist(), widen(raw, '<u3').tolist()
-    ([-1, 258], [16777215, 131328])
-    """
+    """Return the words, shape (...,), that three bytes each make, shape (..., 3)."""
     big = dtype[0] == '>'
     four = np.zeros((*raw.shape[:-1], 4), np.uint8)
     four[..., : 3 if big else 4] = raw if big else np.insert(raw, 0, 0, axis=-1)
@@ -68,14 +46,7 @@ def widen(raw: npt.NDArray[np.uint8], dtype: str) -> npt.NDArray[Any]:
 
 
 def narrow(words: npt.NDArray[Any], dtype: str) -> npt.NDArray[np.uint8]:
-    """
-    Return three bytes for each word, shape (..., 3).
-
-    Examples
-    --------
-    >>> narrow(np.array([-2, 258]), '>i3').tobytes().hex(' ', 3)
-    'fffffe 000102'
-    """
+    """Return three bytes for each word, shape (..., 3)."""
     big = dtype[0] == '>'
     four = np.asarray(np.asarray(words) << 8, dtype[0] + _HELD[dtype])
     as_bytes = np.ascontiguousarray(four)[..., np.newaxis].view(np.uint8)

@@ -117,10 +117,13 @@ class SensorSource:
         self._oversampling = math.ceil(inside_hz / self.rate_hz) if passed else 1
         self._anchor_ns = int(t_ns)
         self._made = 0
-        self._ahead = self._make(0)
+        self._ahead = self._nothing = self._make(0)
+        self._expect()
 
     def samples_until(self, t_ns: int) -> Samples:
         """Return every sample made after those handed out already, up to and including `t_ns`."""
+        if t_ns < self._next_ns:
+            return self._nothing
         parts = []
         while True:
             due = int(np.searchsorted(self._ahead.stamps, t_ns, side='right'))
@@ -132,7 +135,22 @@ class SensorSource:
             ahead = max(1, round(BLOCK_S * self.rate_hz))
             largest = max(ahead, LARGEST_BLOCK // self._oversampling)
             self._ahead = self._make(min(max(ahead, waiting), largest))
+        self._expect()
         return parts[0] if len(parts) == 1 else Samples.concatenate(parts)
+
+    def samples_ahead(self, t_ns: int) -> Samples:
+        """Return what `samples_until` does, and behind it what was made ahead with that."""
+        due = self.samples_until(t_ns)
+        if not len(due) or not len(self._ahead):
+            return due
+        rest, self._ahead = self._ahead, self._nothing
+        self._expect()
+        return Samples.concatenate([due, rest])
+
+    def _expect(self) -> None:
+        """Take note of when the next sample that was not handed out is due."""
+        next_ = self._made - len(self._ahead) + 1
+        self._next_ns = int(self._stamps(next_, 1)[0])
 
     def _waiting(self, t_ns: int) -> int:
         """Return how many samples are due at a time and not made yet."""

@@ -41,14 +41,7 @@ class SimulatedClock:
             self._now_ns = max(self._now_ns, int(deadline_ns))
 
     def sleep(self, seconds: float) -> None:
-        """
-        Let `seconds` pass.
-
-        Raises
-        ------
-        ConfigError
-            If the time is negative.
-        """
+        """Let `seconds` pass, beside what others sleep meanwhile."""
         if seconds < 0:
             raise ConfigError(f'cannot sleep for {seconds} s')
         with self._lock:

@@ -31,26 +31,6 @@ def expected_coefficients(
 
     Rounding to the sensor's resolution adds white noise, as long as the noise before it
     moves the output by more than a fraction of a step; then N comes out larger than it went in.
-
-    Parameters
-    ----------
-    errors : Errors
-    axis : int
-    rate_hz : float
-        True output data rate.
-    value : float
-        What the axis shows without noise: where between two steps it stands.
-
-    Returns
-    -------
-    dict of str to float
-        Q, N, B and K as IEEE Std 952-1997 defines them, in SI.
-
-    Examples
-    --------
-    >>> noisy = Errors(noise_density=2e-3, resolution=5e-3)
-    >>> round(expected_coefficients(noisy, 0, 1000.0, 0.0)['N'] * 1e3, 5)
-    1.41495
     """
     density = float(errors.white_density[axis])
     n = density / math.sqrt(2.0)
@@ -86,13 +66,6 @@ def rounded_variance(mean: float, sigma: float, step: float) -> float:
 
     For a sigma above half a step it is sigma² + step²/12 within 2.4 % (B. Widrow, I. Kollár 2008,
     "Quantization Noise", Cambridge University Press); this is the exact sum.
-
-    Examples
-    --------
-    >>> round(rounded_variance(0.3, 1.0, 0.5), 6), 1.0 + 0.5**2 / 12
-    (1.020833, 1.0208333333333333)
-    >>> rounded_variance(0.3, 0.0, 0.5)
-    0.0
     """
     if sigma == 0.0:
         return 0.0

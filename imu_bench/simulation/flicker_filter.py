@@ -30,51 +30,25 @@ RATIO = 10.0
 
 
 def correlation_times(period_s: float) -> Array:
-    """
-    Return the correlation times of the components, from the longest to about the period.
-
-    Examples
-    --------
-    >>> correlation_times(1e4).tolist()
-    [1000000.0, 100000.0, 10000.0]
-    """
+    """Return the correlation times of the components, from the longest to about the period."""
     count = max(1, 1 + round(math.log(LONGEST_CORRELATION_S / period_s, RATIO)))
     return LONGEST_CORRELATION_S * RATIO ** -np.arange(count, dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
 class FlickerFilter:
-    """
-    Second-order sections for `scipy.signal.sosfilt`, and how to start them.
+    """Second-order sections for `scipy.signal.sosfilt`, and how to start them."""
 
-    Attributes
-    ----------
-    sections : ndarray, shape (k, 6)
-        Driven by white noise of variance one, they give flicker noise of B = 1.
-    modes : ndarray, shape (2 k, n)
-        States of the sections for one standard deviation of each of the n components.
-    correlation : ndarray, shape (n, n)
-        Times n independent normal numbers: components as they are after a long time.
-    shares : ndarray, shape (n,)
-        What one standard deviation of a component adds to the output.
-    """
-
-    sections: Array
-    modes: Array
+    sections: Array  # driven by white noise of variance one, they give flicker noise of B = 1
+    modes: Array  # states of the sections for one standard deviation of each of the n components
+    # times n independent normal numbers: components as they are after a long time
     correlation: Array
-    shares: Array
+    shares: Array  # what one standard deviation of a component adds to the output
 
 
 @lru_cache(maxsize=64)
 def flicker_filter(period_s: float) -> FlickerFilter:
-    """
-    Return the filter for a sample period.
-
-    Examples
-    --------
-    >>> flicker_filter(1e-3).sections.shape
-    (5, 6)
-    """
+    """Return the filter for a sample period."""
     # 1 - pole and 1 - zero, without cancellation
     poles = -np.expm1(-period_s / correlation_times(period_s))
     zeros, gain = _minimum_phase(poles)

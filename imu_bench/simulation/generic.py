@@ -11,12 +11,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from imu_bench.bus.interface import Clock
 from imu_bench.config import REQUIRED, Setting
 from imu_bench.samples import Samples
-from imu_bench.simulation.chip import SensorSource
 import numpy as np
+
+if TYPE_CHECKING:
+    # who only asks for its settings needs none of what simulation needs
+    from imu_bench.simulation.chip import SensorSource
 
 SETTINGS = (
     Setting('rate_hz', REQUIRED, 'Output data rate.', (), (0.1, 50e3), 'Hz', 'float'),
@@ -34,7 +38,6 @@ class GenericSensor:
 
     Parameters
     ----------
-    source : SensorSource
     clock : Clock
         The clock on which the source samples.
     settings : mapping
@@ -47,6 +50,8 @@ class GenericSensor:
         self.continuity = 0
         self.dated = True
         self.skipped: dict[int, int] = {}
+        self.edge: tuple[int, int] | None = None
+        self.latch_ns: int | None = None
         self._source = source
         self._clock = clock
         self._depth = max(1, round(FIFO_S * source.nominal_hz))

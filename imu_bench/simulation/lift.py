@@ -48,19 +48,6 @@ def jerk_limited(distance: float, speed: float, acceleration: float, jerk: float
         m, negative for downwards.
     speed, acceleration, jerk : float
         Limits in m/s, m/s², m/s³; a short way reaches only some of them.
-
-    Raises
-    ------
-    ConfigError
-        If there is no way to go, or a limit is not positive.
-
-    Examples
-    --------
-    >>> way = jerk_limited(7.0, 1.0, 0.8, 1.0)
-    >>> way.times.round(3).tolist()
-    [0.0, 0.8, 1.25, 2.05, 7.0, 7.8, 8.25, 9.05]
-    >>> float(way.position[-1].round(9)), float(way.velocity.max().round(9))
-    (7.0, 1.0)
     """
     if not distance or min(speed, acceleration, jerk) <= 0.0:
         raise ConfigError('lift_ride: distance must not be zero; its limits must be above zero')
@@ -94,44 +81,21 @@ def _after(state: tuple[Any, Any, Any], jerk: Any, dt: Any) -> tuple[Any, Any, A
 
 @dataclass(frozen=True, eq=False)
 class LiftRide(Part):
-    """
-    What a lift adds to a still bench on its floor.
+    """What a lift adds to a still bench on its floor."""
 
-    Attributes
-    ----------
-    distance, speed, acceleration, jerk : float
-        As in `jerk_limited`.
-    wait_s : float
-        Time before the start, and again after the stop.
-    door_thud : float
-        Peak of the vibration when the doors have closed and when they begin to open, m/s².
-    guide_vibration : float
-        Acceleration spectral density across the rails at full speed, (m/s²)²/Hz; along them it
-        is a quarter.
-    rail_length : float
-        m; passing a joint is a thud.
-    joint_thud : float
-        Peak of it across the rails, m/s².
-    seed : int or tuple of int
-
-    Examples
-    --------
-    >>> ride = LiftRide(7.0, 1.0, 0.8, 1.0, wait_s=10.0)
-    >>> round(ride.duration_s, 2)
-    29.05
-    >>> ride.specific_force(np.array([11.0]))[0, 2].round(3)
-    np.float64(0.8)
-    """
-
+    # distance, speed, acceleration, jerk: as in `jerk_limited`
     distance: float
     speed: float
     acceleration: float
     jerk: float
-    wait_s: float = 20.0
+    wait_s: float = 20.0  # time before the start, and again after the stop
+    # peak of the vibration when the doors have closed and when they begin to open, m/s²
     door_thud: float = 0.0
+    # acceleration spectral density across the rails at full speed, (m/s²)²/Hz; along them it is a
+    # quarter
     guide_vibration: float = 0.0
-    rail_length: float = 5.0
-    joint_thud: float = 0.0
+    rail_length: float = 5.0  # m; passing a joint is a thud
+    joint_thud: float = 0.0  # peak of it across the rails, m/s²
     seed: Seed = 0
 
     def __post_init__(self) -> None:

@@ -101,8 +101,6 @@ class LowPass:
 
     Parameters
     ----------
-    corner_hz : float
-    order : int
     sections : callable
         `motion_sections`, `noise_sections` or `sample_sections`.
 
@@ -121,6 +119,15 @@ class LowPass:
         self._rate_hz = 0.0
         self._sections = np.empty((0, 6))
         self._state: Array | None = None
+
+    @property
+    def state(self) -> tuple[float, Array, Array | None]:
+        """What is left of the values so far; put back, they follow it again."""
+        return self._rate_hz, self._sections, self._state
+
+    @state.setter
+    def state(self, state: tuple[float, Array, Array | None]) -> None:
+        self._rate_hz, self._sections, self._state = state
 
     def settling(self, rate_hz: float) -> int:
         """Return after how many samples a start is forgotten."""

@@ -15,9 +15,9 @@ import math
 from typing import Any, NamedTuple, Protocol
 
 from imu_bench.errors import ConfigError
-from imu_bench.samples import AXES
 from imu_bench.simulation.sensor_errors import Array
 from imu_bench.units import STANDARD_GRAVITY
+from msg_conversions.quantities import AXES
 import numpy as np
 
 Seed = int | tuple[int, ...]
@@ -108,28 +108,14 @@ class Part:
 
 @dataclass(frozen=True)
 class Still(Part):
-    """
-    The bench stands on a table that is almost level.
+    """The bench stands on a table that is almost level."""
 
-    Attributes
-    ----------
-    roll, pitch : float
-        Tilt about x, then about y, rad.
-    temperature_c : float
-        °C.
-    field : tuple of float
-        Magnetic field in T; the default is about that of Finland, with x to the north
-        (IGRF-13 near Tampere: 15 µT horizontal, 50 µT down).
-
-    Examples
-    --------
-    >>> Still(pitch=math.pi / 6).specific_force(np.zeros(1)).round(4)
-    array([[-4.9033,  0.    ,  8.4928]])
-    """
-
+    # roll, pitch: tilt about x, then about y, rad
     roll: float = 0.0
     pitch: float = 0.0
-    temperature_c: float = 25.0
+    temperature_c: float = 25.0  # °C
+    # magnetic field in T; the default is about that of Finland, with x to the north (IGRF-13 near
+    # Tampere: 15 µT horizontal, 50 µT down)
     field: tuple[float, float, float] = (15e-6, 0.0, -50e-6)
 
     def specific_force(self, t: Array) -> Array:
@@ -147,14 +133,7 @@ class Still(Part):
 
 @dataclass(frozen=True)
 class Sum:
-    """
-    Several motions at once, such as a machine's vibration on a still table.
-
-    Examples
-    --------
-    >>> Sum((Still(), Still())).specific_force(np.zeros(1))
-    array([[ 0.    ,  0.    , 19.6133]])
-    """
+    """Several motions at once, such as a machine's vibration on a still table."""
 
     parts: tuple[Motion, ...]
 
@@ -192,30 +171,12 @@ class Sum:
 
 @dataclass(frozen=True)
 class During:
-    """
-    A vibration that is there in some time spans only, faded in and out.
-
-    Attributes
-    ----------
-    part : Motion
-    spans : tuple of (float, float)
-        Begin and end in s, in order.
-    fade_s : float
-        Within the span, raised cosine.
-    anew : bool
-        Whether the times of the part count from the beginning of each span.
-
-    Examples
-    --------
-    >>> shaken = During(Still(), ((10.0, 20.0),), fade_s=2.0)
-    >>> shaken.specific_force(np.array([5.0, 11.0, 15.0]))[:, 2]
-    array([0.      , 4.903325, 9.80665 ])
-    """
+    """A vibration that is there in some time spans only, faded in and out."""
 
     part: Motion
-    spans: tuple[tuple[float, float], ...]
-    fade_s: float = 0.1
-    anew: bool = True
+    spans: tuple[tuple[float, float], ...]  # begin and end in s, in order
+    fade_s: float = 0.1  # within the span, raised cosine
+    anew: bool = True  # whether the times of the part count from the beginning of each span
 
     @property
     def bands(self) -> Sequence[Band]:
@@ -261,13 +222,7 @@ class During:
 
 @dataclass(frozen=True, eq=False)
 class Changed:
-    """
-    What is made of another motion, whose frequencies, length and events it keeps.
-
-    Attributes
-    ----------
-    motion : Motion
-    """
+    """What is made of another motion, whose frequencies, length and events it keeps."""
 
     motion: Motion
 
@@ -289,23 +244,12 @@ class Changed:
 
 @dataclass(frozen=True, eq=False)
 class Mounted(Changed):
-    """
-    A motion as a sensor on the bench has it: along its own axes, and warmer.
+    """A motion as a sensor on the bench has it: along its own axes, and warmer."""
 
-    Attributes
-    ----------
-    motion : Motion
-    rotation : ndarray, shape (3, 3)
-        From the axes of the bench to those of the sensor.
-    heating_k : float
-        How much warmer than its surroundings the chip becomes when it is switched on, K.
-    warm_up_s : float
-        Time constant of that, s.
-    """
-
-    rotation: Array
+    rotation: Array  # from the axes of the bench to those of the sensor
+    # how much warmer than its surroundings the chip becomes when it is switched on, K
     heating_k: float = 0.0
-    warm_up_s: float = 60.0
+    warm_up_s: float = 60.0  # time constant of that, s
 
     def specific_force(self, t: Array) -> Array:
         """Return m/s² along the sensor's axes."""
@@ -328,14 +272,7 @@ class Mounted(Changed):
 
 
 def attitude(roll: float, pitch: float) -> Array:
-    """
-    Return the rotation from level axes to those of something tilted about x, then about y.
-
-    Examples
-    --------
-    >>> attitude(math.pi / 2, 0.0).round(3).tolist()[1]
-    [0.0, 0.0, 1.0]
-    """
+    """Return the rotation from level axes to those of something tilted about x, then about y."""
     sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
     # the inverse of Ry(pitch) Rx(roll); + 0.0 keeps a level bench from showing -0.0
     rows = [[cp, 0.0, -sp], [sr * sp, cr, sr * cp], [cr * sp, -sr, cr * cp]]
@@ -343,19 +280,7 @@ def attitude(roll: float, pitch: float) -> Array:
 
 
 def along(axis: str) -> Array:
-    """
-    Return the unit vector of an axis, shape (3,).
-
-    Raises
-    ------
-    ConfigError
-        If there is no such axis.
-
-    Examples
-    --------
-    >>> along('y')
-    array([0., 1., 0.])
-    """
+    """Return the unit vector of an axis, shape (3,)."""
     if axis not in AXES:
         raise ConfigError(f'axis {axis!r} is not allowed; allowed: {", ".join(AXES)}')
     return np.asarray(np.eye(len(AXES))[AXES.index(axis)])

@@ -10,13 +10,13 @@ from typing import Any
 
 from imu_bench.config import REQUIRED, Setting
 from imu_bench.errors import ConfigError
-from imu_bench.samples import AXES
 from imu_bench.simulation.lift import LiftRide
 from imu_bench.simulation.motion import along, Motion, Seed, Still, Sum
 from imu_bench.simulation.random_vibration import RandomVibration
 from imu_bench.simulation.thermal import TemperatureRamp
 from imu_bench.simulation.tilt_table import TiltSteps
-from imu_bench.simulation.tones import engine, mains_hum, Sine, Sweep
+from imu_bench.simulation.tones import engine, mains_hum, Sine, SteppedSine, Sweep
+from msg_conversions.quantities import AXES
 import numpy as np
 
 _POSITIVE = (0.0, inf)
@@ -25,31 +25,14 @@ _DENSITY = '(m/s²)²/Hz'
 
 @dataclass(frozen=True)
 class Given:
-    """
-    Checked settings of one motion, and where it is to happen.
+    """Checked settings of one motion, and where it is to happen."""
 
-    Attributes
-    ----------
-    values : mapping of str to object
-        Quantities are tuples in SI units.
-    base : Still
-        The bench without the motion.
-    seed : tuple of int
-    """
-
-    values: Mapping[str, Any]
-    base: Still
+    values: Mapping[str, Any]  # quantities are tuples in SI units
+    base: Still  # the bench without the motion
     seed: Seed
 
     def number(self, name: str) -> float:
-        """
-        Return a quantity that has one value.
-
-        Raises
-        ------
-        ConfigError
-            If three were given.
-        """
+        """Return a quantity that has one value."""
         values = self.values[name]
         if len(values) != 1:
             raise ConfigError(f'{name}: {len(values)} values are given; give one')
@@ -67,23 +50,12 @@ class Given:
 
 @dataclass(frozen=True)
 class Kind:
-    """
-    A kind of motion.
-
-    Attributes
-    ----------
-    settings : tuple of Setting
-    make : callable
-    zoned : bool
-        Whether it can be confined to zones of the scenario.
-    anew : bool
-        Whether it then begins anew in each.
-    """
+    """A kind of motion."""
 
     settings: tuple[Setting, ...]
     make: Callable[[Given], Motion]
-    zoned: bool = False
-    anew: bool = True
+    zoned: bool = False  # whether it can be confined to zones of the scenario
+    anew: bool = True  # whether it then begins anew in each
 
 
 def _q(
@@ -119,6 +91,17 @@ def _sweep(given: Given) -> Motion:
         given.number('rate'),
         given.word('axis'),
         given.word('returns'),
+    )
+
+
+def _stepped_sine(given: Given) -> Motion:
+    return SteppedSine(
+        given.number('amplitude'),
+        given.number('low'),
+        given.number('high'),
+        given.number('step'),
+        given.number('hold'),
+        given.word('axis'),
     )
 
 
@@ -217,6 +200,18 @@ KINDS: Mapping[str, Kind] = {
             _axis(*AXES),
         ),
         _sweep,
+        zoned=True,
+    ),
+    'stepped_sine': Kind(
+        (
+            _q('amplitude', REQUIRED, 'm/s²', 'Peak, the same at every frequency.'),
+            _q('low', REQUIRED, 'Hz', 'First frequency.'),
+            _q('high', REQUIRED, 'Hz', 'None is above it.'),
+            _q('step', REQUIRED, 'Hz', 'Between two frequencies.'),
+            _q('hold', REQUIRED, 's', 'How long each is held.'),
+            _axis(*AXES),
+        ),
+        _stepped_sine,
         zoned=True,
     ),
     'random': Kind(

@@ -38,23 +38,6 @@ def white_sigma(density: float, period_s: float) -> float:
 
     A one-sided density S in unit/√Hz, flat up to the Nyquist frequency 1/(2T),
     has the variance S²/(2T).  The Allan coefficient is N = S/√2.
-
-    Parameters
-    ----------
-    density : float
-        One-sided noise density as datasheets print it, unit/√Hz.
-    period_s : float
-        Sample period T in seconds.
-
-    Returns
-    -------
-    float
-        In the unit of the signal.
-
-    Examples
-    --------
-    >>> round(white_sigma(300e-6, 1e-3), 6)
-    0.006708
     """
     return density / math.sqrt(2.0 * period_s)
 

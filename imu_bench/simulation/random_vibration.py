@@ -9,9 +9,9 @@ import math
 import threading
 
 from imu_bench.errors import ConfigError
-from imu_bench.samples import AXES
 from imu_bench.simulation.motion import Band, Part, Seed
 from imu_bench.simulation.sensor_errors import Array
+from msg_conversions.quantities import AXES
 import numpy as np
 
 BLOCK = 1 << 15
@@ -30,29 +30,6 @@ class RandomVibration(Part):
 
     Blocks of independent random phases and amplitudes on every line of the band overlap by
     half, with sine and cosine as weights, so that the variance is the same at all times.
-
-    Parameters
-    ----------
-    density : sequence of float
-        One-sided acceleration spectral density along x, y and z, (m/s²)²/Hz; the axes are
-        independent.
-    low_hz, high_hz : float
-        The band.
-    seed : int or tuple of int
-    name : str
-        What shakes, for texts.
-
-    Raises
-    ------
-    ConfigError
-        If the band is none.
-
-    Examples
-    --------
-    >>> shaken = RandomVibration((0.0, 0.0, 1e-3), 20.0, 200.0, seed=1)
-    >>> force = shaken.specific_force(np.arange(0.0, 60.0, 1e-3))
-    >>> force[:, :2].any(), round(float(force[:, 2].var()), 2)
-    (np.False_, 0.18)
     """
 
     def __init__(

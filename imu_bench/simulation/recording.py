@@ -1,27 +1,86 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated bench into a bag, or into columns, as fast as the machine can."""
+"""A simulated bench into a bag, as its nodes would publish, or into columns; at full speed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 import errno
+from functools import partial
 import json
 import os
 from pathlib import Path
 from typing import Any, TypeVar
 
-from imu_bench import __version__
+from imu_bench.bags.block import Messages
 from imu_bench.bags.columns import ColumnWriter
-from imu_bench.bags.sensor_messages import Messages
+from imu_bench.bags.topic_info import describe, OfferedQos, TopicInfo
 from imu_bench.bags.writer import BagWriter
 from imu_bench.errors import RecordingError
+from imu_bench.metrology.trials.inclination import inclination
 from imu_bench.samples import Samples
 from imu_bench.simulation.clock import START_NS
 from imu_bench.simulation.scenario import Scenario
 from imu_bench.simulation.simulated import SimulatedSensor
-from imu_bench.simulation.topics import SensorMessages
+from imu_bench.version import __version__
+from msg_conversions.encoding import independent, SensorEncoder
+from msg_conversions.quantities import AXES, INCLINATION, QUANTITIES, TEMPERATURE, TYPES
 import numpy as np
+import numpy.typing as npt
+
+TEMPERATURE_HZ = 10.0
+"""A node publishes the newest temperature of each block it reads; here that often at most."""
+
+TRANSPORT_NS = 1_000_000
+"""From the measurement to the recorder: about what the live bench has, always the same."""
+
+
+class SensorMessages:
+    """Turns samples of one sensor into messages."""
+
+    def __init__(self, sensor: SimulatedSensor) -> None:
+        config = sensor.config
+        self._namespace = config.namespace
+        self._fields = {field for source in sensor.sources for field in source.quantities}
+        # one temperature out of so many samples
+        self._every = max(1, round(sensor.rate_hz / TEMPERATURE_HZ))
+        self._before_temperature = 0
+        self._angle_step = sensor.angle_step
+        if self._angle_step:
+            self._fields.add(INCLINATION.field)
+        self._encoder = SensorEncoder(config.frame_id, independent(config.stddevs))
+
+    @property
+    def topics(self) -> list[TopicInfo]:
+        """What the bag is to know of the topics."""
+        names = dict.fromkeys(q.topic for q in QUANTITIES if q.field in self._fields)
+        return [
+            describe(f'{self._namespace}/{name}', TYPES[name], [OfferedQos()]) for name in names
+        ]
+
+    def encode(self, run: Samples) -> Iterator[Messages]:
+        """Yield the messages of one run."""
+        columns = run.columns
+        celsius = columns.pop(TEMPERATURE.field, None)
+        if run.acceleration is not None and self._angle_step:
+            angles = [inclination(run.acceleration, axis) for axis in AXES]
+            steps = np.rint(np.column_stack(angles) / self._angle_step)
+            columns[INCLINATION.field] = steps * self._angle_step
+        for name, stamps, rows in self._encoder.encode(run.stamps, columns):
+            yield self._messages(name, stamps, rows)
+        if celsius is not None:
+            chosen = slice(self._before_temperature, None, self._every)
+            stamps = run.stamps[chosen]
+            self._before_temperature += stamps.size * self._every - len(run)
+            if stamps.size:
+                rows = self._encoder.rows(stamps, {TEMPERATURE.field: celsius[chosen]})
+                yield self._messages(TEMPERATURE.topic, stamps, rows)
+
+    def _messages(
+        self, name: str, stamps: npt.NDArray[np.int64], rows: npt.NDArray[np.uint8]
+    ) -> Messages:
+        return Messages(f'{self._namespace}/{name}', stamps + TRANSPORT_NS, rows)
+
 
 Progress = Callable[[int, int], None]
 """Called with simulated seconds done and their number."""
@@ -49,23 +108,7 @@ def slices(
     duration_s: float,
     make: Callable[[int, list[Samples]], Made],
 ) -> Iterator[tuple[float, list[Made]]]:
-    """
-    Yield what is made of each slice of time, all sensors side by side, one slice ahead.
-
-    Parameters
-    ----------
-    sensors : sequence of SimulatedSensor
-    duration_s : float
-    make : callable
-        Called in a thread with the number of a sensor and its runs, one per source.
-
-    Yields
-    ------
-    float
-        End of the slice, s since the start.
-    list
-        What was made, by sensor.
-    """
+    """Yield what is made of each slice of time, all sensors side by side, one slice ahead."""
 
     def job(index: int, until_ns: int) -> Made:
         runs = [source.samples_until(until_ns) for source in sensors[index].sources]
@@ -87,26 +130,9 @@ def slices(
             yield end, made
 
 
-def write(
-    path: Path,
-    sensors: Sequence[SimulatedSensor],
-    scenario: Scenario,
-    duration_s: float,
-    *,
-    storage: str = 'mcap',
-    run: int = 0,
-    progress: Progress | None = None,
-) -> dict[str, int]:
-    """
-    Write a bag, or columns where `storage` is `COLUMNS`.
-
-    Parameters, errors and result as `write_bag` and `write_columns`.
-    """
-    if storage == COLUMNS:
-        return write_columns(path, sensors, scenario, duration_s, run=run, progress=progress)
-    return write_bag(
-        path, sensors, scenario, duration_s, storage=storage, run=run, progress=progress
-    )
+def writer(storage: str) -> Callable[..., dict[str, int]]:
+    """Return what writes a recording: `write_columns` for `COLUMNS`, else `write_bag`."""
+    return write_columns if storage == COLUMNS else partial(write_bag, storage=storage)
 
 
 def write_bag(
@@ -127,8 +153,6 @@ def write_bag(
     path : Path
         Folder of the bag; must not exist.
     sensors : sequence of SimulatedSensor
-    scenario : Scenario
-    duration_s : float
     storage : {'mcap', 'sqlite3'}
     run : int
         For the truth.

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from imu_bench.config.files import read_yaml
+from imu_bench.config.files import load, read_yaml
 from imu_bench.config.location import named_file
 from imu_bench.config.schema import (
     check_all,
@@ -19,9 +19,9 @@ from imu_bench.config.schema import (
     suggestion,
 )
 from imu_bench.errors import ConfigError
-from imu_bench.samples import AXES
 from imu_bench.simulation.motion import During, Motion, Seed, Still, Sum
 from imu_bench.simulation.motion_kinds import Given, Kind, KINDS
+from msg_conversions.quantities import AXES
 import yaml
 
 _TOP = (
@@ -49,30 +49,17 @@ class Zone:
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """
-    How the bench moves.
-
-    Attributes
-    ----------
-    name, title, source : str
-    motion : Motion
-    duration_s : float or None
-        How long it is meant to last; None if nothing in it ends.
-    zones : tuple of Zone
-    truth : mapping
-        Every setting that went in, in SI with its unit, ready for JSON.
-    still : Motion
-        The bench before it begins.
-    """
+    """How the bench moves."""
 
     name: str
     motion: Motion
     title: str = ''
     source: str = ''
-    duration_s: float | None = None
+    duration_s: float | None = None  # how long it is meant to last; None if nothing in it ends
     zones: tuple[Zone, ...] = ()
+    # every setting that went in, in SI with its unit, ready for JSON
     truth: Mapping[str, Any] | None = None
-    still: Motion = field(default_factory=Still)
+    still: Motion = field(default_factory=Still)  # the bench before it begins
 
     @property
     def endless(self) -> bool:
@@ -131,22 +118,7 @@ def scenario_document(name: str, overrides: Sequence[str] = ()) -> dict[Any, Any
 def scenario_from(
     document: Mapping[str, Any], name: str, *, seed: int = 0, where: str = 'scenario'
 ) -> Scenario:
-    """
-    Return the scenario that a document of a file describes.
-
-    Raises
-    ------
-    ConfigError
-        With every problem, one line each.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> shaken = scenario_from(
-    ...     {'motions': [{'sine': {'amplitude': '1 g', 'frequency': '10 Hz'}}]}, 'mine')
-    >>> float(shaken.motion.specific_force(np.array([0.025]))[0, 2].round(4))
-    19.6133
-    """
+    """Return the scenario that a document of a file describes."""
     problems: list[str] = []
     rest = dict(document)
     entries = rest.pop('motions', None) or []
@@ -230,6 +202,9 @@ def _motion(
     if name not in KINDS:
         problems.append(f'{where}: no motion {name!r}; {suggestion(str(name), KINDS)}')
         return None
+    if given is not None and not isinstance(given, Mapping):
+        problems.append(f'{where}.{name}: {given!r} is no mapping of settings')
+        return None
     kind = KINDS[name]
     own = kind.settings + ((_ZONE, _FADE) if kind.zoned else ())
     before = len(problems)
@@ -282,13 +257,15 @@ def _replace(document: dict[Any, Any], override: str) -> None:
             f'{override!r}: no {motion!r} in the scenario; {suggestion(motion, known)}'
         )
     for entry in entries:
+        if entry[motion] is not None and not isinstance(entry[motion], dict):
+            continue  # told where all motions are read
         entry[motion] = {**(entry[motion] or {}), setting: value}
 
 
 def _value(text: str) -> Any:
     try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        return load(text)
+    except (yaml.YAMLError, ValueError) as error:
         raise ConfigError(f'{text!r} is no value: {" ".join(str(error).split())}') from error
 
 

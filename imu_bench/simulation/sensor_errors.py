@@ -8,8 +8,8 @@ import math
 from typing import Any
 
 from imu_bench.errors import ConfigError
-from imu_bench.samples import AXES
 from imu_bench.simulation.low_pass import NOISE_FILTERS, ORDERS
+from msg_conversions.quantities import AXES
 import numpy as np
 import numpy.typing as npt
 
@@ -42,92 +42,55 @@ class Errors:
     The parameters are those of MATLAB's `imuSensor` (accelparams, gyroparams, magparams), and
     what real sensors do besides.
 
-    Attributes
-    ----------
-    noise_density : float or array
-        White noise, density in unit/√Hz.
-    noise_type : str
-        'one-sided': the Allan coefficient N is the density divided by √2; 'two-sided': N is
-        the density.
-    bias_instability : float or array
-        B in the unit of the signal; the floor of the Allan deviation is 0.664 B.
-    random_walk : float or array
-        K in unit/√s.
-    quantisation : float or array
-        Q in unit·s.
-    bias : float or array
-        Constant offset.
-    turn_on_bias : float or array
-        Standard deviation of an offset that is another one each time the sensor is switched on.
-    scale_factor : float or array
-        Relative error of the scale: 0.01 shows one percent too much.
-    cross_axis : array, shape (3, 3)
-        What an output (row) shows of the true value along another axis (column).
-    misalignment : float or array
-        Rotation vector from the true axes to those of the sensor, rad.
-    temperature_bias, temperature_scale : float or array
-        Change of offset and scale per kelvin away from 25 °C.
-    acceleration_bias : array, shape (3, 3)
-        Of a gyroscope: what an output (row) shows of the specific force along an axis
-        (column), (rad/s)/(m/s²).
-    vibration_rectification : float or array
-        What an output shows of the squared specific force along its axis, unit/(m/s²)²: the
-        second-order term of IEEE Std 1293-2018, which makes an offset of vibration.
-    low_pass : float or array
-        -3 dB corner in Hz of the sensor's own filter, infinite for none.
-    low_pass_order : int
-        1 or 2 (Butterworth).
-    low_pass_kind : str
-        'analogue', before the sampling, so that noise above half the rate folds back, or
-        'digital', of the output samples.
-    high_pass : float or array
-        Corner frequency in Hz of a sensor that does not pass constant values, such
-        as a piezoelectric one; zero for none.
-    range : float or array
-        Largest magnitude; beyond it the output saturates.
-    resolution : float or array
-        Smallest step; zero for none.
-    outlier_rate, outlier_size : float or array
-        Spikes per second, and up to how far they are off.
-    zeros : float or array
-        Share of samples that read zero although nothing is.
-    stuck_rate, stuck_time : float or array
-        How often per second the output begins to stand still, and for how many seconds.
-    axes : str
-        Which axes the sensor has; the others are NaN.
-
     Examples
     --------
     >>> Errors(noise_density=1.5e-3, axes='z').noise_density
     array([0.0015, 0.0015, 0.0015])
     """
 
-    noise_density: Axes = 0.0
+    noise_density: Axes = 0.0  # white noise, density in unit/√Hz
+    # 'one-sided': the Allan coefficient N is the density divided by √2; 'two-sided': N is the
+    # density
     noise_type: str = 'one-sided'
+    # B in the unit of the signal; the floor of the Allan deviation is 0.664 B
     bias_instability: Axes = 0.0
-    random_walk: Axes = 0.0
-    quantisation: Axes = 0.0
-    bias: Axes = 0.0
+    random_walk: Axes = 0.0  # K in unit/√s
+    quantisation: Axes = 0.0  # Q in unit·s
+    bias: Axes = 0.0  # constant offset
+    # standard deviation of an offset that is another one each time the sensor is switched on
     turn_on_bias: Axes = 0.0
-    scale_factor: Axes = 0.0
+    scale_factor: Axes = 0.0  # relative error of the scale: 0.01 shows one percent too much
+    # what an output (row) shows of the true value along another axis (column)
     cross_axis: Any = 0.0
-    misalignment: Axes = 0.0
+    misalignment: Axes = 0.0  # rotation vector from the true axes to those of the sensor, rad
+    # temperature_bias, temperature_scale: change of offset and scale per kelvin away from 25 °C
     temperature_bias: Axes = 0.0
     temperature_scale: Axes = 0.0
+    # of a gyroscope: what an output (row) shows of the specific force along an axis (column),
+    # (rad/s)/(m/s²)
     acceleration_bias: Any = 0.0
+    # what an output shows of the squared specific force along its axis, unit/(m/s²)²: the second-
+    # order term of IEEE Std 1293-2018, which makes an offset of vibration
     vibration_rectification: Axes = 0.0
-    low_pass: Axes = math.inf
-    low_pass_order: int = 1
+    low_pass: Axes = math.inf  # -3 dB corner in Hz of the sensor's own filter, infinite for none
+    low_pass_order: int = 1  # 1 or 2 (Butterworth)
+    # 'analogue', before the sampling, so that noise above half the rate folds back, or 'digital',
+    # of the output samples
     low_pass_kind: str = 'analogue'
+    # corner frequency in Hz of a sensor that does not pass constant values, such as a
+    # piezoelectric one; zero for none
     high_pass: Axes = 0.0
-    range: Axes = math.inf
-    resolution: Axes = 0.0
+    range: Axes = math.inf  # largest magnitude; beyond it the output saturates
+    resolution: Axes = 0.0  # smallest step; zero for none
+    # outlier_rate, outlier_size: spikes per second, and up to how far they are off
     outlier_rate: Axes = 0.0
     outlier_size: Axes = 0.0
-    zeros: Axes = 0.0
+    zeros: Axes = 0.0  # share of samples that read zero although nothing is
+    # stuck_rate, stuck_time: how often per second the output begins to stand still, and for how
+    # many seconds
     stuck_rate: Axes = 0.0
     stuck_time: Axes = 0.0
-    axes: str = 'xyz'
+    axes: str = 'xyz'  # which axes the sensor has; the others are NaN
 
     def __post_init__(self) -> None:
         for field in fields(self):

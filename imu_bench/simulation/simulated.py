@@ -9,38 +9,23 @@ from typing import Any
 
 from imu_bench.config import SensorConfig, SIMULATION_SETTINGS
 from imu_bench.metrology.fitting.noise_model import coefficient_unit
-from imu_bench.samples import AXES
 from imu_bench.simulation.chip import SensorSource
 from imu_bench.simulation.expected import expected_coefficients
 from imu_bench.simulation.motion import Band
 from imu_bench.simulation.sensor_errors import Errors
+from msg_conversions.quantities import BY_FIELD, IMU_QUANTITIES
 import numpy as np
 
-_UNITS = {
-    'acceleration': 'm/s²',
-    'angular_velocity': 'rad/s',
-    'magnetic_field': 'T',
-    'temperature': 'K',
-}
 _PREFIX = 'simulation.'
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedSensor:
-    """
-    A sensor of a simulated bench.
-
-    Attributes
-    ----------
-    config : SensorConfig
-    sources : tuple of SensorSource
-        One for each output data rate, the main one first.
-    angle_step : float or None
-        Resolution of the angles that an inclinometer computes itself, rad; None for others.
-    """
+    """A sensor of a simulated bench."""
 
     config: SensorConfig
-    sources: tuple[SensorSource, ...]
+    sources: tuple[SensorSource, ...]  # one for each output data rate, the main one first
+    # resolution of the angles that an inclinometer computes itself, rad; None for others
     angle_step: float | None = None
 
     @property
@@ -72,7 +57,7 @@ class SimulatedSensor:
         found = []
         for source in self.sources:
             half = source.rate_hz / 2.0
-            if not {'acceleration', 'angular_velocity'} & set(source.quantities):
+            if not {quantity.field for quantity in IMU_QUANTITIES} & set(source.quantities):
                 continue
             found += [
                 f'{self.name}: {_above(band, half)}; {_what_happens(source)}'
@@ -99,16 +84,17 @@ def _what_happens(source: SensorSource) -> str:
 
 def _axes(source: SensorSource, quantity: str) -> dict[str, Any]:
     """Return the truth about each axis of a quantity."""
-    errors, unit = source.model.errors[quantity], _UNITS[quantity]
+    errors, shown_unit = source.model.errors[quantity], BY_FIELD[quantity].unit
+    unit = 'K' if shown_unit == '°C' else shown_unit
     start = source.at_start()[quantity]
     made = {}
-    for axis, name in enumerate(axis_names(quantity)):
+    for axis, name in enumerate(BY_FIELD[quantity].columns):
         if not errors.has(axis):
             continue
         shown = 0.0 if errors.high_pass[axis] else float(start[axis])
         coefficients = expected_coefficients(errors, axis, source.rate_hz, shown)
         made[name] = {
-            'unit': '°C' if quantity == 'temperature' else unit,
+            'unit': shown_unit,
             'rate': _value(source.rate_hz, 'Hz'),
             'nominal_rate': _value(source.nominal_hz, 'Hz'),
             'parameters': {
@@ -116,7 +102,7 @@ def _axes(source: SensorSource, quantity: str) -> dict[str, Any]:
                 'turned_on_with': _value(source.model.turn_on[quantity][axis], unit),
             },
             # what an analysis has to find
-            'at_start': _value(shown, '°C' if quantity == 'temperature' else unit),
+            'at_start': _value(shown, shown_unit),
             'coefficients': {
                 term: _value(value, coefficient_unit(unit, term))
                 for term, value in coefficients.items()
@@ -143,16 +129,3 @@ def _value(number: Any, unit: str) -> dict[str, Any]:
     if np.ndim(number):
         return {'value': [float(one) for one in number], 'unit': unit}
     return {'value': float(number) if math.isfinite(number) else None, 'unit': unit}
-
-
-def axis_names(quantity: str) -> list[str]:
-    """
-    Return the names of a quantity's columns in results and truth.
-
-    Examples
-    --------
-    >>> axis_names('acceleration')
-    ['linear_acceleration.x', 'linear_acceleration.y', 'linear_acceleration.z']
-    """
-    name = 'linear_acceleration' if quantity == 'acceleration' else quantity
-    return [name] if quantity == 'temperature' else [f'{name}.{axis}' for axis in AXES]

@@ -15,42 +15,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class TemperatureRamp(Part):
-    """
-    What an oven adds to the temperature of the bench.
+    """What an oven adds to the temperature of the bench."""
 
-    Attributes
-    ----------
-    begin_s : float
-        When the ramp begins.
-    start_c, to_c : float
-        Temperature before, and at the end of the ramp, °C.
-    kelvin_per_s : float
-        Steepness, without sign.
-    soak_s : float
-        Time at the end of the ramp.
-    returns : bool
-        Whether it goes back after that, as steeply.
-
-    Raises
-    ------
-    ConfigError
-        If the ramp leads nowhere.
-
-    Examples
-    --------
-    >>> oven = TemperatureRamp(60.0, 25.0, 80.0, 0.5, soak_s=100.0)
-    >>> oven.temperature(np.array([0.0, 80.0, 200.0, 380.0])).tolist()
-    [0.0, 10.0, 55.0, 0.0]
-    >>> oven.duration_s
-    380.0
-    """
-
-    begin_s: float
+    begin_s: float  # when the ramp begins
+    # start_c, to_c: temperature before, and at the end of the ramp, °C
     start_c: float
     to_c: float
-    kelvin_per_s: float
-    soak_s: float = 0.0
-    returns: bool = True
+    kelvin_per_s: float  # steepness, without sign
+    soak_s: float = 0.0  # time at the end of the ramp
+    returns: bool = True  # whether it goes back after that, as steeply
 
     def __post_init__(self) -> None:
         if self.to_c == self.start_c or not self.kelvin_per_s > 0.0:

@@ -25,47 +25,18 @@ class TiltSteps(Part):
 
     The angle is the inclination θ = atan2(a_axis, √(a_other² + a_z²)) that a perfect sensor on
     a level table would show.
-
-    Attributes
-    ----------
-    base : Still
-        The bench on the table at angle zero.
-    step : float
-        rad.
-    steps : int
-        Number of steps away from zero.
-    returns : bool
-        Whether the table goes back to zero by the same steps.
-    dwell_s, move_s : float
-        Time at each angle, and time between two.
-    axis : str
-        'x' or 'y': the horizontal axis that is raised.
-    knob_error : float
-        Standard deviation of each angle set by hand, rad; zero for a motor.
-    tremor : float
-        Acceleration spectral density of the hand while it turns the knob, (m/s²)²/Hz.
-    seed : int or tuple of int
-
-    Raises
-    ------
-    ConfigError
-        If there is no step, or the axis is not horizontal.
-
-    Examples
-    --------
-    >>> table = TiltSteps(Still(), step=0.01, steps=2, dwell_s=10.0, move_s=2.0)
-    >>> table.set_angles.tolist(), table.duration_s
-    ([0.0, 0.01, 0.02, 0.01, 0.0], 58.0)
     """
 
-    base: Still
-    step: float
-    steps: int
-    returns: bool = True
+    base: Still  # the bench on the table at angle zero
+    step: float  # rad
+    steps: int  # number of steps away from zero
+    returns: bool = True  # whether the table goes back to zero by the same steps
+    # dwell_s, move_s: time at each angle, and time between two
     dwell_s: float = 60.0
     move_s: float = 3.0
-    axis: str = 'x'
-    knob_error: float = 0.0
+    axis: str = 'x'  # 'x' or 'y': the horizontal axis that is raised
+    knob_error: float = 0.0  # standard deviation of each angle set by hand, rad; zero for a motor
+    # acceleration spectral density of the hand while it turns the knob, (m/s²)²/Hz
     tremor: float = 0.0
     seed: Seed = 0
 

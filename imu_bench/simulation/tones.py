@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Periodic motion: sine, sweep, an engine at idle, and the hum of the mains."""
+"""Periodic motion: sine, sweep, steps, an engine at idle, and the hum of the mains."""
 
 from __future__ import annotations
 
@@ -16,35 +16,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Sine(Part):
-    """
-    A sinusoidal acceleration along one axis.
+    """A sinusoidal acceleration along one axis."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Peak, m/s².
-    frequency_hz : float
-        Hz; it may lie above the Nyquist frequency of a sensor.
-    axis : str
-        'x', 'y' or 'z'.
-    phase : float
-        At the beginning, rad.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such axis.
-
-    Examples
-    --------
-    >>> Sine(amplitude=2.0, frequency_hz=10.0, axis='x').specific_force(np.array([0.025]))
-    array([[2., 0., 0.]])
-    """
-
-    amplitude: float
-    frequency_hz: float
-    axis: str = 'z'
-    phase: float = 0.0
+    amplitude: float  # peak, m/s²
+    frequency_hz: float  # may lie above the Nyquist frequency of a sensor
+    axis: str = 'z'  # 'x', 'y' or 'z'
+    phase: float = 0.0  # at the beginning, rad
 
     def __post_init__(self) -> None:
         along(self.axis)
@@ -62,39 +39,15 @@ class Sine(Part):
 
 @dataclass(frozen=True)
 class Sweep(Part):
-    """
-    A sine whose frequency rises and falls by octaves per minute (IEC 60068-2-6).
+    """A sine whose frequency rises and falls by octaves per minute (IEC 60068-2-6)."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Peak, m/s², the same at every frequency.
-    low_hz, high_hz : float
-        It begins at the low end.
-    octaves_per_s : float
-        Octaves per second.
-    axis : str
-    returns : bool
-        Whether it sweeps down again; otherwise it begins anew at the low end.
-
-    Raises
-    ------
-    ConfigError
-        If the frequencies do not rise or there is no such axis.
-
-    Examples
-    --------
-    >>> sweep = Sweep(9.8, 5.0, 20.0, octaves_per_s=1 / 60)
-    >>> sweep.frequency(np.array([0.0, 60.0, 120.0, 180.0])).round(6).tolist()
-    [5.0, 10.0, 20.0, 10.0]
-    """
-
-    amplitude: float
+    amplitude: float  # peak, m/s², the same at every frequency
+    # low_hz, high_hz: it begins at the low end
     low_hz: float
     high_hz: float
-    octaves_per_s: float
+    octaves_per_s: float  # octaves per second
     axis: str = 'z'
-    returns: bool = True
+    returns: bool = True  # whether it sweeps down again; otherwise it begins anew at the low end
 
     def __post_init__(self) -> None:
         along(self.axis)
@@ -140,40 +93,61 @@ class Sweep(Part):
 
 
 @dataclass(frozen=True)
+class SteppedSine(Part):
+    """A sine whose frequency is held, then rises by a step, up to the highest."""
+
+    amplitude: float  # peak, m/s², the same at every frequency
+    # low_hz, high_hz, step_hz: the first frequency, the one that none is above, and what lies
+    # between two
+    low_hz: float
+    high_hz: float
+    step_hz: float
+    hold_s: float  # how long each is held
+    axis: str = 'z'
+
+    def __post_init__(self) -> None:
+        along(self.axis)
+        if not 0.0 < self.low_hz < self.high_hz or not min(self.step_hz, self.hold_s) > 0.0:
+            raise ConfigError(
+                f'stepped_sine: {self.low_hz:g} Hz to {self.high_hz:g} Hz in steps of '
+                f'{self.step_hz:g} Hz, {self.hold_s:g} s each, is none; low must be below high, '
+                'and step and hold above zero'
+            )
+
+    @property
+    def bands(self) -> Sequence[Band]:
+        """Everything between the ends."""
+        return (Band('stepped_sine', self.low_hz, self.high_hz),)
+
+    def _step(self, t: Array) -> Array:
+        last = math.floor((self.high_hz - self.low_hz) / self.step_hz * (1.0 + 1e-12))
+        return np.asarray(np.clip(np.floor(t / self.hold_s), 0, last))
+
+    def frequency(self, t: Array) -> Array:
+        """Return the frequency at each time, Hz."""
+        return np.asarray(self.low_hz + self.step_hz * self._step(t))
+
+    def specific_force(self, t: Array) -> Array:
+        """Return m/s², shape (n, 3); its phase goes on from step to step."""
+        k = self._step(t)
+        before = self.hold_s * (k * self.low_hz + self.step_hz * k * (k - 1.0) / 2.0)
+        cycles = before + (self.low_hz + self.step_hz * k) * (t - k * self.hold_s)
+        wave = self.amplitude * np.sin(2.0 * np.pi * cycles)
+        return np.asarray(np.multiply.outer(wave, along(self.axis)))
+
+
+@dataclass(frozen=True)
 class Tones(Part):
-    """
-    Tones of different strength along the axes.
+    """Tones of different strength along the axes."""
 
-    Attributes
-    ----------
-    name : str
-        What makes them, for texts.
-    frequencies_hz : tuple of float
-    forces : tuple of (float, float, float)
-        Per tone the peak along x, y and z, m/s².
-    rates : tuple of (float, float, float)
-        Per tone the peak angular velocity about x, y and z, rad/s; empty for none.
-    phases : tuple of float
-        Per tone, rad.
-    wander : float
-        Relative peak change of all frequencies.
-    wander_period_s : float
-        How long one such change takes.
-
-    Examples
-    --------
-    >>> hum = Tones('mains', (50.0,), ((1.0, 0.0, 2.0),), phases=(math.pi / 2,))
-    >>> hum.specific_force(np.zeros(1)).tolist()
-    [[1.0, 0.0, 2.0]]
-    """
-
-    name: str
+    name: str  # what makes them, for texts
     frequencies_hz: tuple[float, ...]
-    forces: tuple[tuple[float, float, float], ...]
+    forces: tuple[tuple[float, float, float], ...]  # per tone the peak along x, y and z, m/s²
+    # per tone the peak angular velocity about x, y and z, rad/s; empty for none
     rates: tuple[tuple[float, float, float], ...] = ()
-    phases: tuple[float, ...] = ()
-    wander: float = 0.0
-    wander_period_s: float = 10.0
+    phases: tuple[float, ...] = ()  # per tone, rad
+    wander: float = 0.0  # relative peak change of all frequencies
+    wander_period_s: float = 10.0  # how long one such change takes
 
     @property
     def bands(self) -> Sequence[Band]:
@@ -249,7 +223,6 @@ def engine(
     ----------
     speed_hz : float
         Turns of the crank shaft per second.
-    cylinders : int
     firing, valves : sequence of float
         Peaks at the firing frequency and at its double along x, y and z, m/s².
     unbalance : float
@@ -264,12 +237,6 @@ def engine(
         Relative peak change of the speed, and its period.
     seed : int or tuple of int
         Of the phases.
-
-    Examples
-    --------
-    >>> idle = engine(800 / 60, 4, (0, 0, 1.0), (0, 0, 0.5), harmonics=3)
-    >>> [round(f, 2) for f in idle.frequencies_hz]
-    [26.67, 53.33, 80.0]
     """
     firing_hz = speed_hz * cylinders / 2.0
     first, second = np.asarray(firing, dtype=float), np.asarray(valves, dtype=float)
@@ -293,14 +260,7 @@ def engine(
 
 
 def mains_hum(frequency_hz: float, amplitude: Sequence[float], third: float) -> Tones:
-    """
-    Return the hum of the mains: its frequency and, in relation, its third harmonic.
-
-    Examples
-    --------
-    >>> mains_hum(50.0, (0.0, 0.0, 1e-3), 0.2).frequencies_hz
-    (50.0, 150.0)
-    """
+    """Return the hum of the mains: its frequency and, in relation, its third harmonic."""
     peak = np.asarray(amplitude, dtype=float)
     peaks = [peak, third * peak] if third else [peak]
     frequencies = (frequency_hz, 3.0 * frequency_hz)[: len(peaks)]

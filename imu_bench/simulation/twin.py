@@ -4,19 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-import json
 import math
 from pathlib import Path
 import re
 from typing import Any
 
 from imu_bench.config.files import PARAMETERS
+from imu_bench.config.json_file import read_json
 from imu_bench.errors import ConfigError, RecordingError
-from imu_bench.samples import AXES, IMU_QUANTITIES, LINEAR_ACCELERATION, Quantity
 from imu_bench.units import STANDARD_GRAVITY
+from msg_conversions.quantities import AXES, IMU_QUANTITIES, LINEAR_ACCELERATION, Quantity
 import yaml
 
 SCHEMA = 'imu_bench.analysis/1'
+
+_TOLD = 200
+"""Characters of a damaged document that an error text repeats."""
 
 _HOW = 'make one with imu-bench analyze RECORDING --json FILE'
 
@@ -54,7 +57,7 @@ def twins(path: Path) -> dict[str, dict[str, Any]]:
         If it is no such file, or holds no sensor.
     """
     try:
-        document = json.loads(path.read_text(encoding='utf-8'))
+        document = read_json(path)
     except IsADirectoryError as error:
         raise RecordingError(f'{path}: a folder, no result: {_HOW}') from error
     except OSError as error:
@@ -69,8 +72,9 @@ def twins(path: Path) -> dict[str, dict[str, Any]]:
         for recording in document['recordings']:
             name = _free(_name(recording['topic']), made)
             made[name] = _parameters(recording, name)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise RecordingError(f'{path}: an entry is missing or misplaced: {error!r}') from error
+    except (KeyError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
+        told = ' '.join(repr(error).split())[:_TOLD]
+        raise RecordingError(f'{path}: an entry is missing or misplaced: {told}') from error
     if not made:
         raise RecordingError(f'{path}: holds no recording to make a twin of')
     return made
@@ -106,14 +110,7 @@ def _yaml(document: Mapping[str, Any]) -> str:
 
 
 def _name(topic: str) -> str:
-    """
-    Return a short name for the sensor of a topic.
-
-    Examples
-    --------
-    >>> _name('/bench/mpu9250/imu/data_raw'), _name('/imu/data'), _name('9 axes.csv')
-    ('mpu9250', 'imu_data', 's_9_axes_csv')
-    """
+    """Return a short name for the sensor of a topic."""
     match = re.fullmatch(r'/bench/([^/]+)/imu/data_raw', topic)
     words = match[1] if match else topic
     name = re.sub(r'\W+', '_', words, flags=re.ASCII).strip('_') or 'imu'

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 from zlib import crc32
 
@@ -12,14 +12,52 @@ from imu_bench.config import SensorConfig
 from imu_bench.config.beginning import Beginning
 from imu_bench.errors import ConfigError
 from imu_bench.registers import Typical
-from imu_bench.samples import AXES
-from imu_bench.simulation.beginning import Later
 from imu_bench.simulation.chip import SensorSource
-from imu_bench.simulation.motion import attitude, Motion, Mounted
+from imu_bench.simulation.motion import attitude, Changed, Motion, Mounted
 from imu_bench.simulation.scenario import load_scenario, Scenario
-from imu_bench.simulation.sensor_errors import Errors
+from imu_bench.simulation.sensor_errors import Array, Errors
 from imu_bench.simulation.sensor_model import ErrorModel, QUANTITIES
+from msg_conversions.quantities import AXES
 import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Later(Changed):
+    """A still bench that begins to move at some time."""
+
+    still: Motion  # the bench before that
+    switched_on_ns: int  # Unix time from which the times given to this motion count
+    beginning: Beginning
+
+    def specific_force(self, t: Array) -> Array:
+        """Return m/s²."""
+        return self._of(t, self.still.specific_force, self.motion.specific_force)
+
+    def angular_velocity(self, t: Array) -> Array:
+        """Return rad/s."""
+        return self._of(t, self.still.angular_velocity, self.motion.angular_velocity)
+
+    def magnetic_field(self, t: Array) -> Array:
+        """Return T."""
+        return self._of(t, self.still.magnetic_field, self.motion.magnetic_field)
+
+    def temperature(self, t: Array) -> Array:
+        """Return °C."""
+        return self._of(t, self.still.temperature, self.motion.temperature)
+
+    def _of(
+        self, t: Array, before: Callable[[Array], Array], after: Callable[[Array], Array]
+    ) -> Array:
+        since = t + (self.switched_on_ns * 1e-9 - self.beginning.at_s)
+        begun = since >= 0.0
+        if not begun.any():
+            return before(t)
+        moved = after(np.maximum(since, 0.0))
+        if begun.all():
+            return moved
+        mask = begun if moved.ndim == 1 else begun[:, None]
+        return np.asarray(np.where(mask, moved, before(t)))
+
 
 _TAKEN_OVER = {
     'noise_density': 'noise_density',
@@ -41,27 +79,12 @@ _ROWS = ('cross_axis', 'acceleration_bias')
 
 
 def scenario_of(config: SensorConfig) -> Scenario:
-    """
-    Return the scenario that a sensor's file names.
-
-    Examples
-    --------
-    >>> scenario_of(SensorConfig('a', 'generic', 'emulated')).name
-    'still'
-    """
+    """Return the scenario that a sensor's file names."""
     return load_scenario(str(config.simulation.get('scenario', 'still')))
 
 
 def motion_of(config: SensorConfig, scenario: Scenario) -> Motion:
-    """
-    Return how a sensor moves: with the bench, tilted on it, and warm.
-
-    Examples
-    --------
-    >>> config = SensorConfig('a', 'generic', 'emulated')
-    >>> motion_of(config, scenario_of(config)).temperature(np.zeros(1))
-    array([25.])
-    """
+    """Return how a sensor moves: with the bench, tilted on it, and warm."""
     given = config.simulation
     rotation = attitude(_number(given, 'roll', 0.0), _number(given, 'pitch', 0.0))
     heating, warm_up = _number(given, 'self_heating', 0.0), _number(given, 'warm_up', 60.0)
@@ -81,7 +104,6 @@ def errors_of(
 
     Parameters
     ----------
-    config : SensorConfig
     typical : mapping of str to Typical
         As the driver declares it; empty for a generic source, which has what the
         configuration speaks of.
@@ -134,10 +156,7 @@ def sensor_source(
 
     Parameters
     ----------
-    config : SensorConfig
     typical : mapping of str to Typical
-    nominal_hz : float
-    start_ns : int
     quantities : tuple of str
         Those wanted; a chip whose dies sample at different rates has a source for each.
     scenario : Scenario, optional

@@ -27,7 +27,7 @@ class FakeChip:
         self.period_ns = 1e9 / (rate_hz * (1 + rate_error))
         self.counters = Counter(bus_errors=0)
         self.continuity = 0
-        self.skipped, self.dated = {}, True
+        self.skipped, self.dated, self.edge, self.latch_ns = {}, True, None, None
         self.rng = np.random.default_rng(7)
         self.unplugged = self.asleep = False
         self.calls = []

@@ -130,6 +130,23 @@ def test_a_long_outage_counts_what_the_chip_would_have_made():
     assert chip.model.missing == pytest.approx(made, rel=1e-4)
 
 
+@pytest.mark.parametrize('late', [0, 5, 40])
+@pytest.mark.parametrize('lost', [3, 99])
+def test_a_loss_that_is_told_from_one_late_reading_is_counted_right_in_the_end(lost, late):
+    """A FIFO that runs over while an overrun is read out: two interruptions, one reading."""
+    chip = Readings(1000.0, error=0.01)
+    chip.read(3.0)
+    chip.model.interrupt()
+    made = chip.count + lost + 32
+    chip.take(32, chip.phase + (made + late) * chip.period, made)
+    chip.model.interrupt()
+    chip.now = chip.phase + (made + late) * chip.period
+    chip.turn = int(chip.now / chip.poll_s)
+    chip.read(6.0)
+    assert abs(chip.model.missing - lost) <= 1
+    assert (chip.intervals > 0).all()
+
+
 def test_an_interruption_without_loss_leaves_no_gap():
     chip = Readings(1000.0, 0.01)
     chip.read(10.0)

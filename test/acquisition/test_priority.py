@@ -34,9 +34,8 @@ def granted(monkeypatch):
 def test_real_time_if_it_may(granted):
     assert priority.raise_priority() == 'real time, priority 10'
     assert granted['scheduler'] == (0, os.SCHED_FIFO, 10)
+    # neither a thread of the middleware nor a process may inherit it
     assert not granted['heirs']
-    priority.raise_priority(heirs=True)
-    assert granted['heirs']
 
 
 def test_a_better_nice_value_of_this_thread_alone_if_not(granted):
@@ -56,26 +55,10 @@ def test_whether_it_may_is_found_out_without_changing_the_caller():
     assert (os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)) == before
 
 
-@pytest.mark.parametrize('had', [os.SCHED_OTHER, os.SCHED_FIFO])
-def test_what_takes_long_waits_for_its_turn_and_priority_comes_back(monkeypatch, had):
-    now = [(had, os.sched_param(10 if had == os.SCHED_FIFO else 0))]
-    monkeypatch.setattr(os, 'sched_getscheduler', lambda pid: now[0][0])
-    monkeypatch.setattr(os, 'sched_getparam', lambda pid: now[0][1])
-
-    def scheduler(pid, policy, parameters):
-        now[0] = policy, parameters
-
-    monkeypatch.setattr(os, 'sched_setscheduler', scheduler)
-    before = now[0]
-    with pytest.raises(KeyError), priority.ordinary_priority():
-        assert (now[0][0], now[0][1].sched_priority) == (os.SCHED_OTHER, 0)
-        raise KeyError
-    assert now[0] == before
-
-
 def test_an_acquisition_says_how_its_thread_is_treated(granted):
     class Silent:
         counters, rates_hz, skipped, continuity, dated = Counter(bus_errors=0), {}, {}, 0, True
+        edge = latch_ns = None
         rate_hz, poll_period_s, paced = 100.0, 0.001, False
 
         def identify(self):

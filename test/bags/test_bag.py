@@ -118,6 +118,18 @@ def test_a_missing_part_is_said(split_bag):
     assert found == [message for message in expected if message in found]
 
 
+def test_a_file_that_is_named_thousands_of_times_is_opened_once(split_bag):
+    path, expected = split_bag
+    metadata = path / 'metadata.yaml'
+    name = sorted(path.glob('bag_of*_0.*'))[0].name
+    text = metadata.read_text()
+    metadata.write_text(text.replace(f'  - {name}\n', f'  - {name}\n' * 5000, 1))
+    bag = Bag(path)
+    assert len(bag.storages) == len(set(path.glob('bag_of*')))
+    assert 'metadata.yaml names a file more than once: it is read once' in map(str, bag.problems)
+    assert read(path) == expected
+
+
 def test_parts_that_the_metadata_does_not_name_yet_are_read(split_bag):
     path, expected = split_bag
     text = (path / 'metadata.yaml').read_text()

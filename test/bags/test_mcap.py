@@ -4,8 +4,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+import shutil
 
+from hypothesis import given
+from hypothesis import strategies as st
+from imu_bench.bags import mcap_records
 from imu_bench.bags.mcap import McapFile
+from imu_bench.bags.mcap_writer import McapWriter
+from imu_bench.bags.topic_info import describe
 from imu_bench.errors import RecordingError
 from mcap.writer import CompressionType, IndexType, Writer
 import pytest
@@ -93,6 +99,23 @@ def test_every_truncation_gives_what_is_complete(tmp_path, messages, chunked, co
     assert len(set(counts)) > 4
 
 
+def test_a_channel_is_known_that_comes_a_chunk_before_its_first_message(tmp_path):
+    path = tmp_path / 'a.mcap'
+    writer = McapWriter(path)
+    writer.add_topic(describe('/imu0', 'sensor_msgs/msg/Imu'))
+    writer.write('/imu0', 1, b'one')
+    writer.flush()
+    writer.add_topic(describe('/imu1', 'sensor_msgs/msg/Imu'))
+    writer.write('/imu0', 2, b'two')
+    writer.flush()
+    writer.write('/imu1', 3, b'three')
+    writer.flush()
+    killed = shutil.copy(path, tmp_path / 'killed.mcap')
+    writer.close('')
+    assert McapFile(killed).counts == {'/imu0': 2, '/imu1': 1}
+    assert read(killed)[-1] == ('/imu1', 3, b'three')
+
+
 def test_messages_before_a_cut_inside_a_chunk_are_read(tmp_path, messages):
     expected = messages(200)
     path = write_foreign(tmp_path / 'a.mcap', expected, compression=CompressionType.NONE)
@@ -166,3 +189,37 @@ def test_a_file_that_is_no_mcap_is_refused(tmp_path):
     path.write_bytes(b'hello')
     with pytest.raises(RecordingError, match='not an mcap file'):
         McapFile(path)
+
+
+def one_by_one(buffer, start, until):
+    """Return the records of a buffer as a loop over its bytes finds them."""
+    found, place = [], start
+    while place + 9 <= len(buffer):
+        opcode, size = buffer[place], int.from_bytes(buffer[place + 1 : place + 9], 'little')
+        known = 0 < opcode <= 0x0F or opcode >= 0x80
+        if place + 9 + size > len(buffer) or not known or opcode in until:
+            break
+        found.append((opcode, place + 9, size))
+        place += 9 + size
+    return found, place
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([0x03, 0x05, 0x80, 0x10]), st.integers(0, 3), st.integers(1, 40)
+        ),
+        max_size=12,
+    ),
+    st.integers(0, 12),
+)
+def test_records_that_are_alike_are_found_together(kinds, cut):
+    one = [bytes([opcode]) + size.to_bytes(8, 'little') + bytes(size) for opcode, size, _ in kinds]
+    whole = b''.join(record * times for record, (_, _, times) in zip(one, kinds, strict=True))
+    buffer, until = whole[: len(whole) - cut], frozenset([0x80])
+    for ends in (frozenset(), until):
+        found = mcap_records.walk(buffer, 0, ends)
+        expected, end = one_by_one(buffer, 0, ends)
+        rows = zip(found.opcodes, found.offsets, found.sizes, strict=True)
+        assert [tuple(map(int, row)) for row in rows] == expected
+        assert found.end == end

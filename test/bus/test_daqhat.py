@@ -96,6 +96,33 @@ def test_every_call_of_the_library(daqhats):
     ]
 
 
+def test_a_block_is_waited_for_and_taken_whole(daqhats):
+    board = DaqHat('daqhat-0')
+
+    def answers(*blocks):
+        found = [
+            SimpleNamespace(
+                running=True, hardware_overrun=False, buffer_overrun=False, data=np.array(block)
+            )
+            for block in blocks
+        ]
+
+        def read(number, timeout_s):
+            daqhats.calls.append((number, timeout_s))
+            return found.pop(0)
+
+        board._board.a_in_scan_read_numpy = read
+        daqhats.calls.clear()
+
+    answers([], [1.0], [2.0, 3.0])
+    assert board.scan(0.025).codes.tolist() == [1.0, 2.0, 3.0]
+    assert daqhats.calls == [(-1, 0.0), (1, 0.025), (-1, 0.0)]
+    answers([], [], [])
+    assert board.scan(0.025).codes.tolist() == []
+    answers([4.0])
+    assert board.scan(0.025).codes.tolist() == [4.0]
+
+
 @pytest.mark.parametrize(
     ('text', 'kind', 'says'),
     [

@@ -7,7 +7,6 @@ import sys
 from types import SimpleNamespace
 
 from imu_bench.bus.clock import SystemClock
-from imu_bench.bus.failures import hardware_library
 from imu_bench.bus.i2c import I2cBus
 from imu_bench.bus.opening import kind_of, open_bus
 from imu_bench.bus.scripted import ScriptedFrames
@@ -166,10 +165,6 @@ def test_a_missing_library_is_a_clear_error(monkeypatch, module, open_one):
         open_one()
 
 
-def test_a_library_that_is_there_is_returned():
-    assert hardware_library('json', 'json').loads('1') == 1
-
-
 # --- SPI ---------------------------------------------------------------------------------
 def test_spi_registers_carry_read_and_burst_bits():
     wiring = Wiring(spi_max_hz=1_000_000, spi_increment=0x40)
@@ -207,7 +202,7 @@ def test_spi_passes_mode_clock_and_errors(monkeypatch, device_file):
             made.closed = True
 
     monkeypatch.setitem(sys.modules, 'periphery', SimpleNamespace(SPI=FakeSpi))
-    bus = SpiFrameBus('/dev/spidev0.1', Wiring(spi_mode=3, spi_max_hz=8_000_000))
+    bus = SpiFrameBus('/dev/spidev0.1', Wiring(spi_mode=3, spi_max_hz=8_000_000, spi_hz=8_000_000))
     assert made.arguments == ('/dev/spidev0.1', 3, 8_000_000)
     assert bus.transfer(b'\x01\x02') == b'\x02\x01'
     made.error = OSError(errno.EACCES, 'Permission denied')
@@ -274,6 +269,31 @@ def test_every_die_gets_its_bus(smbus2):
     assert [bus.name for bus in buses.values()] == ['/dev/i2c-3 0x6B', '/dev/i2c-3 0x1E']
 
 
+def test_the_dies_of_a_chip_may_be_strapped_differently(smbus2):
+    buses = open_bus('i2c-1', TWO_DIES, ('i2c',), address=0x6B, second_address=0x1C)
+    assert [bus.name for bus in buses.values()] == ['/dev/i2c-1 0x6B', '/dev/i2c-1 0x1C']
+    with pytest.raises(ConfigError, match=r'mag address 0x30 is not .* it has 0x1C, 0x1E'):
+        open_bus('i2c-1', TWO_DIES, ('i2c',), second_address=0x30)
+    with pytest.raises(ConfigError, match='second_address: this chip has one address'):
+        open_bus('i2c-1', {'': Wiring((0x6A,))}, ('i2c',), second_address=0x1C)
+
+
+def test_the_clock_of_spi_is_cautious_until_it_is_set(monkeypatch):
+    opened = []
+    monkeypatch.setitem(
+        sys.modules,
+        'periphery',
+        SimpleNamespace(SPI=lambda *a: opened.append(a) or SimpleNamespace(close=int)),
+    )
+    fast = {'': Wiring(spi_max_hz=24_000_000)}
+    open_bus('spidev0.0', fast, ('spi',))
+    open_bus('spidev0.0', fast, ('spi',), spi_hz=24_000_000)
+    open_bus('spidev0.0', {'': Wiring(spi_max_hz=500_000)}, ('spi',))
+    assert [clock for _, _, clock in opened] == [1_000_000, 24_000_000, 500_000]
+    with pytest.raises(ConfigError, match=r'spi_hz 30000000 is too fast .* can do 24000000'):
+        open_bus('spidev0.0', fast, ('spi',), spi_hz=30_000_000)
+
+
 def test_a_second_die_on_spi_has_the_next_chip_select(monkeypatch):
     monkeypatch.setitem(
         sys.modules, 'periphery', SimpleNamespace(SPI=lambda *a: SimpleNamespace(close=int))
@@ -300,7 +320,7 @@ def test_a_serial_sensor_opens_at_its_baud(terminal):
 )
 def test_a_bus_the_sensor_cannot_use_is_refused(smbus2, device, address, text):
     with pytest.raises(ConfigError, match=text):
-        open_bus(device, MPU, ('i2c', 'spi'), address)
+        open_bus(device, MPU, ('i2c', 'spi'), address=address)
 
 
 def test_what_was_opened_is_closed_when_the_next_fails(monkeypatch):

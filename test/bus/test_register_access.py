@@ -103,6 +103,47 @@ def test_waiting_for_a_field_ends():
 
 
 def test_a_bus_error_goes_through():
-    registers, _ = chip([(('read', 0x0F, 1), NoAnswer('gone'))])
+    registers, _ = chip([(('read', 0x0F, 1), NoAnswer('gone'))] * 2)
     with pytest.raises(NoAnswer, match='gone'):
         registers.word(Chip.ID)
+
+
+NACK = NoAnswer('nothing answers')
+
+
+def test_a_write_that_took_effect_without_an_acknowledge_is_read_back():
+    registers, (wire, _) = chip([(('write', 0x12, b'\x01\x02'), NACK), read(0x12, b'\x01\x02')])
+    registers.write({Chip.WIDE: 0x0102})
+    wire.finish()
+
+
+@pytest.mark.parametrize('held', [[read(0x12, b'\x01\x00')], [(('read', 0x12, 2), NACK)] * 2])
+def test_a_write_that_did_not_take_effect_is_done_again_once(held):
+    refused = ('write', 0x12, b'\x01\x02'), NACK
+    registers, (wire, _) = chip([refused, *held, refused])
+    with pytest.raises(NoAnswer, match='nothing answers'):
+        registers.write({Chip.WIDE: 0x0102})
+    wire.finish()
+    registers, (wire, _) = chip([refused, *held, write(0x12, b'\x01\x02')])
+    registers.write({Chip.WIDE: 0x0102})
+    wire.finish()
+
+
+@pytest.mark.parametrize('steps', [(Chip.reset, 0x10, b'\xc0'), (Chip.go, 0x11, b'\x01')])
+def test_a_reset_may_cut_its_own_acknowledge(steps):
+    field, register, data = steps
+    asked = [read(0x10, b'\x80')] if field is Chip.reset else []
+    registers, (wire, _) = chip([*asked, (('write', register, data), NACK)])
+    registers.write({field: 1})
+    wire.finish()
+
+
+def test_a_chip_that_starts_is_waited_for():
+    silent = (('read', 0x20, 1), NACK)  # asked twice each time
+    registers, (_, other) = chip([], [silent, silent, silent, read(0x20, b'\x01')])
+    registers.run((Until(Chip.ready, 1, timeout_s=0.01, period_s=0.005),))
+    other.finish()
+    registers, (_, other) = chip([], [silent] * 6)
+    with pytest.raises(NoAnswer):
+        registers.run((Until(Chip.ready, 1, timeout_s=0.01, period_s=0.005),))
+    other.finish()

@@ -82,6 +82,7 @@ def test_a_bank_is_selected_once_and_after_forgetting_again():
 def test_a_failed_selection_is_not_taken_for_done():
     steps = [
         (('write', 0x76, b'\x01'), NoAnswer('gone')),
+        (('read', 0x76, 1), b'\x00'),
         (('write', 0x76, b'\x01'), b''),
         (('read', 0x10, 1), b'a'),
     ]
@@ -90,6 +91,16 @@ def test_a_failed_selection_is_not_taken_for_done():
         with pytest.raises(BusError):
             bus.read(THERE.number, 1)
         bus.read(THERE.number, 1)
+
+
+def test_a_selection_may_be_taken_without_an_acknowledge():
+    steps = [
+        (('write', 0x76, b'\x01'), NoAnswer('busy')),
+        (('read', 0x76, 1), b'\x01'),
+        (('read', 0x10, 1), b'a'),
+    ]
+    with ScriptedRegisters(steps) as wire:
+        assert BankedBus(wire, SELECT.number).read(THERE.number, 1) == b'a'
 
 
 def test_writing_the_selection_is_remembered():

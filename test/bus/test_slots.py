@@ -3,7 +3,7 @@
 
 from collections import Counter
 
-from imu_bench.bus.lookout import Lookout
+from imu_bench.bus.polled_quantity import PolledQuantity
 from imu_bench.bus.register_access import Registers
 from imu_bench.bus.slots import SlotFifo
 from imu_bench.errors import BusError
@@ -102,32 +102,32 @@ def test_slots_are_skipped_across_bursts(clock):
 
 # --- what is looked at now and then ------------------------------------------------------
 def test_what_came_and_went_between_two_looks_is_counted(clock):
-    lookout = Lookout(clock, 100.0)
-    lookout.begin()
+    field = PolledQuantity(clock, 100.0)
+    field.begin()
     clock.sleep(0.0101)
-    lookout.found()
+    field.found()
     clock.sleep(0.036)
-    stamps = lookout.found()
-    assert lookout.lost == 2
+    stamps = field.found()
+    assert field.lost == 2
     assert stamps.tolist() == [clock.now_ns() - 18_000_000]
     clock.sleep(0.005)
-    lookout.found(overrun=True)
-    assert lookout.lost == 3
+    field.found(overrun=True)
+    assert field.lost == 3
 
 
 def test_what_was_overwritten_before_the_beginning_is_no_loss(clock):
-    lookout = Lookout(clock, 100.0)
-    lookout.begin()
-    lookout.found(overrun=True)
-    assert lookout.lost == 0
+    field = PolledQuantity(clock, 100.0)
+    field.begin()
+    field.found(overrun=True)
+    assert field.lost == 0
 
 
 def test_silence_is_told_once_and_again_after_as_long(clock):
-    lookout = Lookout(clock, 100.0)
-    lookout.begin()
+    field = PolledQuantity(clock, 100.0)
+    field.begin()
     told = []
     for _ in range(60):
         clock.sleep(0.01)
-        told.append(lookout.silent)
+        told.append(field.silent)
     assert told.count(True) == 2
     assert not any(told[:25])

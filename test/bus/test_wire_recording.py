@@ -5,7 +5,7 @@ import errno
 import zlib
 
 from imu_bench.bus.claim import ChipInUse
-from imu_bench.bus.recording import Player, read_head, Recorder, writing
+from imu_bench.bus.recording import Player, read_head, Recorder
 from imu_bench.bus.recording import recorder as recording
 from imu_bench.bus.scripted import ScriptedStream
 from imu_bench.errors import BusBusy, BusError, NoAnswer, RecordingError, RecordingOver
@@ -107,7 +107,7 @@ def test_a_disk_that_is_full_ends_the_recording_and_not_the_sensor(
     def full(self, file, data):
         raise OSError(errno.ENOSPC, 'No space left on device')
 
-    monkeypatch.setattr(writing.BlockWriter, '_write', full)
+    monkeypatch.setattr(recording.BlockWriter, '_write', full)
     clock = SimulatedClock()
     recorder = recorder_of(tmp_path / 'a.wire', [WORD] * 3, clock)
     for _ in range(3):
@@ -123,7 +123,7 @@ def test_a_disk_that_is_slow_does_not_hold_up_the_sensor(tmp_path, monkeypatch, 
     recorder = recorder_of(tmp_path / 'a.wire', [WORD] * 9, clock)
     for k in range(9):
         # as if as many waited as may
-        monkeypatch.setattr(writing, 'MOST_WAITING', 256 if k < 5 else -1)
+        monkeypatch.setattr(recording, 'MOST_WAITING', 256 if k < 5 else -1)
         recorder.now_ns()
         assert recorder.wires[''].read(0x75, 1) == b'\x71'
         recorder.sleep(2.0)

@@ -5,7 +5,7 @@ import json
 import os
 import re
 
-from imu_bench.offline import results
+from imu_bench.offline.analysis import results
 import numpy as np
 import pytest
 
@@ -19,10 +19,11 @@ def one_line(err):
     return lines[0]
 
 
-def test_table_json_and_report(imu_bench, write_csv, tmp_path):
+def test_table_json_and_report(imu_bench, write_csv, tmp_path, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '120')
     document, report = tmp_path / 'r.json', tmp_path / 'r.html'
     code, out, err = imu_bench(
-        'analyze', write_csv(n=30_000), '--json', document, '--html', report
+        'analyze', write_csv(n=30_000), '--full', '--json', document, '--html', report
     )
     assert (code, err) == (0, '')
     assert out.index('nothing found') < out.index('Acceleration') < out.index('Angular velocity')
@@ -37,7 +38,8 @@ def test_table_json_and_report(imu_bench, write_csv, tmp_path):
 def test_si_units_on_request(imu_bench, write_csv):
     _, out, _ = imu_bench('analyze', write_csv(), '--si')
     assert 'm/s²/√Hz' in out
-    assert 'µg' not in out
+    table, _, _ = out.partition('\nDead reckoning')
+    assert 'µg' not in table
 
 
 def test_averaging_times_on_request(imu_bench, write_csv, tmp_path):
@@ -88,7 +90,7 @@ def test_several_inputs_are_compared(imu_bench, write_csv, tmp_path):
     code, _, _ = imu_bench('analyze', loud, quiet, '--html', report)
     assert code == 0
     page = report.read_text(encoding='utf-8')
-    assert 'Quietest accelerometer: quiet' in page
+    assert 'Vibration: quiet is best' in page
     assert 'All sensors together' in page
 
 
@@ -174,13 +176,15 @@ class TestBadInput:
             assert str(target) in one_line(err)
 
     @pytest.mark.parametrize(
-        ('option', 'value'),
-        [('--start', 'nan'), ('--end', 'inf'), ('--tau', '1e300'), ('--tau', 'nan')],
-    )
-    def test_a_time_that_is_none(self, imu_bench, write_csv, option, value):
-        code, out, err = imu_bench('analyze', write_csv(), option, value)
-        assert (code, out) == (1, '')
-        assert option in one_line(err)
+        ('option', 'value', 'wrong'),
+        [('--start', 'nan', 2), ('--start', '-5', 2), ('--end', 'inf', 2), ('--end', '-5', 2),
+         ('--tau', '1e300', 1), ('--tau', 'nan', 2)],
+    )  # fmt: skip
+    def test_a_time_that_is_none(self, imu_bench, write_csv, option, value, wrong):
+        code, out, err = imu_bench('analyze', write_csv(), f'{option}={value}')
+        assert (code, out) == (wrong, '')
+        line = err.splitlines()[-1]
+        assert option in (line if wrong == 2 else one_line(err))
 
     def test_an_output_does_not_destroy_an_input(self, imu_bench, write_csv):
         path = write_csv()
@@ -366,3 +370,24 @@ class TestFigures:
         code, out, err = imu_bench('analyze', write_csv(), '--figures', tmp_path / name)
         assert (code, out) == (1, '')
         assert words in one_line(err)
+
+
+def test_the_confidence_level_is_an_option(imu_bench, write_csv, tmp_path):
+    """A narrower interval of the same value, in the result and in the words of the page."""
+    found = {}
+    for level in (0.68, 0.95):
+        document, page = tmp_path / f'{level}.json', tmp_path / f'{level}.html'
+        code, _, err = imu_bench(
+            'analyze', write_csv(), '--confidence', level, '--json', document, '--html', page
+        )
+        assert (code, err) == (0, '')
+        axis = json.loads(document.read_text('utf-8'))['recordings'][0]['axes']
+        found[level] = axis['angular_velocity.x']['noise_density']
+        assert found[level]['confidence'] == level
+        assert f'the widest {100 * level:g} % interval' in page.read_text('utf-8')
+    narrow, wide = found.values()
+    assert narrow['value'] == wide['value']
+    assert narrow['high'] - narrow['low'] < 0.7 * (wide['high'] - wide['low'])
+    code, _, err = imu_bench('analyze', write_csv(), '--confidence', '1')
+    assert (code, err.count('\n')) == (1, 1)
+    assert '--confidence 1: give a level from 0.5 to 0.999' in err

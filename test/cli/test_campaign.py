@@ -49,7 +49,14 @@ def test_runs_are_simulated_analysed_and_led_to(imu_bench, bench, tmp_path):
     page = (folder / 'index.html').read_text(encoding='utf-8')
     assert 'href="rest/report.html"' in page
     assert 'At rest &lt;b&gt;' in page
-    assert (folder / 'rest/report.html').is_file()
+    form = 'a run of 20 s instead of 3600 s; repetitions 2 instead of 1'
+    assert f'  short form: {form}\n' in out
+    assert 'In a short form, and not as the document has it: At rest' in page
+    for text in (page, (folder / 'rest/report.html').read_text(encoding='utf-8')):
+        assert f'<b>Short form:</b> {form}.' in text
+        assert 'After Shabulinzenze, Comparison of MEMS sensors in machine vibration' in text
+        assert '2 streams of 2 recordings, from 20' in text
+        assert 'health: good.' in text
     assert out.splitlines()[-1] == f'wrote {folder}/index.html'
 
 
@@ -115,7 +122,8 @@ def test_the_sine_alone_tells_what_random_vibration_costs(imu_bench, tmp_path):
     document = yaml.safe_load(file.read_text(encoding='utf-8'))
     document['sensors'] = document['sensors'][:1]
     document['sensors'][0]['file'] = str(config_file('sensors/lsm9ds1.yaml'))
-    (test,) = document['tests']
+    (test,) = (each for each in document['tests'] if each['name'] == 'sine_on_random')
+    document['tests'] = [test]
     test |= {'scenarios': ['sine_on_random_sc2'], 'axes': ['y'], 'repetitions': 1}
     test['set'] = ['zones.before=9 s', 'zones.test=15 s', 'zones.after=9 s']
     test['also']['scenarios'] = test['scenarios']

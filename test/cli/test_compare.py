@@ -68,7 +68,7 @@ def test_a_file_that_is_no_result(imu_bench, documents, tmp_path):
 
 
 def test_a_narrow_terminal_gets_every_word(imu_bench, documents, monkeypatch):
-    from imu_bench.cli import table
+    from imu_bench.terminal import tables as table
 
     wide = table.console
     monkeypatch.setattr(table, 'console', lambda: wide(40))

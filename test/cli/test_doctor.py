@@ -42,10 +42,13 @@ def test_a_bench_of_emulated_sensors_is_complete_and_has_a_load(bare, capsys, se
     assert main(['doctor', bench, '--i2c-hz', '100000']) == 0
     shown = capsys.readouterr().out
     assert 'emulated: needs no hardware' in shown
-    assert 'i2c-1, 100 kHz (given): busy 49 %' in shown
+    assert 'i2c-1, 100 kHz (given): busy 138 %' in shown
 
 
-def test_a_bench_that_lacks_something_is_a_fault_and_says_what_to_do(bare, capsys, sensor_file):
+def test_a_bench_that_lacks_something_is_a_fault_and_says_what_to_do(
+    bare, capsys, sensor_file, monkeypatch
+):
+    monkeypatch.setenv('COLUMNS', '200')
     bench = sensor_file(driver='mpu9250', backend='hardware', bus='i2c-251')
     assert main(['doctor', bench]) == 1
     shown = capsys.readouterr().out
@@ -63,7 +66,8 @@ def test_a_full_bus_is_said_to_be_full_with_what_helps(bare, capsys, sensor_file
 
 
 def test_json_is_for_machines(bare, capsys, sensor_file):
-    assert main(['doctor', sensor_file(driver='bno055', backend='emulated'), '--json']) == 0
+    file = sensor_file(driver='bno055', backend='emulated', bus='serial')
+    assert main(['doctor', file, '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found['schema'], found['ok']) == ('imu_bench.doctor/1', True)
     (share,) = found['loads'][0]['shares']
@@ -118,7 +122,7 @@ def test_a_full_bus_is_not_made_faster_for_a_sensor_that_stretches_its_clock(
     shown = capsys.readouterr().out
     assert 'stretches the clock' in shown
     assert 'i2c_arm_baudrate=400000' not in shown
-    assert 'Give one its serial line or a bus of its own before this one is made faster' in shown
+    assert 'Give one its serial line: it holds the clock after every byte' in shown
 
 
 @pytest.mark.parametrize('speed', ['0', 'fast', '-1'])
@@ -131,3 +135,18 @@ def test_an_impossible_clock_is_wrong_usage(speed):
 def test_a_wrong_bench_is_an_error_in_one_line(capsys):
     assert main(['doctor', 'no_such_bench']) == 1
     assert 'no_such_bench' in capsys.readouterr().err
+
+
+def test_a_bench_at_rest_is_a_table_json_and_an_exit_code(capsys, sensor_file):
+    file = sensor_file(driver='iim42652', backend='emulated', rate_hz=100.0)
+    assert main(['doctor', '--check', file, '--duration', '10s']) == 0
+    shown = capsys.readouterr().out
+    assert 'gravity' in shown
+    assert 'one, mounting: the bench does not say; z points up: give its entry up: z.' in shown
+    tilted = {'driver': 'iim42652', 'backend': 'emulated', 'rate_hz': 100.0}
+    file = sensor_file(**tilted, **{'simulation.faults': ['unplugged 0 100']})
+    assert main(['doctor', '--check', file, '--json', '--duration', '5s']) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert (found['bench'], found['ok']) == ('small', False)
+    assert main(['doctor', '--check']) == 1
+    assert 'check what? Give a bench' in capsys.readouterr().err

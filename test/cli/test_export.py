@@ -45,17 +45,60 @@ def test_the_numbers_of_the_sensor_that_was_named(imu_bench, documents):
     assert values['loud'] == pytest.approx(3.0 * values['quiet'], rel=0.05)
 
 
-def test_numbers_of_a_sensor_that_moved_are_written_with_a_warning(imu_bench, write_csv, tmp_path):
+@pytest.fixture(scope='module')
+def moved(write_csv, tmp_path_factory):
+    """Return the results of a sensor at rest and of one that moved."""
+    from imu_bench.cli.main import main
+
     def move(rows):
         rows[1000:4000, 1] += 3.0 * np.sin(np.arange(3000) / 50.0)
 
-    document = tmp_path / 'moved.json'
-    imu_bench('analyze', write_csv(change=move), '--json', document)
-    code, out, err = imu_bench('export', document, '--to', 'kalibr')
+    document = tmp_path_factory.mktemp('moved') / 'moved.json'
+    still, shaken = write_csv('still.csv'), write_csv('shaken.csv', change=move)
+    assert main(['analyze', str(still), str(shaken), '--json', str(document)]) == 0
+    return document
+
+
+@pytest.mark.parametrize('to', FORMATS)
+def test_numbers_with_a_severe_finding_need_force(imu_bench, moved, tmp_path, to):
+    given = ('export', moved, '--topic', 'shaken', '--to', to)
+    code, out, err = imu_bench(*given, '-o', tmp_path / 'refused')
+    assert (code, out, len(err.splitlines())) == (1, '', 1)
+    assert 'shaken: The sensor moved' in err and '--force' in err
+    assert not list(tmp_path.iterdir())
+    code, out, err = imu_bench(*given, '--force')
     assert code == 0
-    assert '# WARNING: the recording is not to be trusted: motion' in out
-    assert err.startswith('imu-bench: warning: The sensor moved ')
+    assert err.startswith('imu-bench: warning: shaken: The sensor moved ')
     assert len(err.splitlines()) == 1
+    if to == 'csv':
+        assert ',motion,' in out.splitlines()[1]
+        return
+    first = [line for line in out.splitlines() if line.strip(' #<!-')][:2]
+    assert any('WARNING: NOT TO BE TRUSTED (motion): The sensor moved' in line for line in first)
+
+
+def test_every_sensor_gets_a_file_of_its_own(imu_bench, documents, tmp_path):
+    folder = tmp_path / 'kalibr'
+    given = ('export', documents[1], '--to', 'kalibr', '-o', folder)
+    code, out, _ = imu_bench(*given)
+    assert (code, out) == (0, f'wrote {folder}/quiet.yaml\nwrote {folder}/loud.yaml\n')
+    for name in ('quiet', 'loud'):
+        _, alone, _ = imu_bench('export', documents[1], '--to', 'kalibr', '--topic', name)
+        assert (folder / f'{name}.yaml').read_text() == alone
+    named = ('--topic', 'loud', '--topic', 'quiet')
+    assert imu_bench(*given, *named)[1] == out
+    assert imu_bench(*given, '--topic', 'loud')[1] == f'wrote {folder}/loud.yaml\n'
+    (tmp_path / 'file').touch()
+    code, _, err = imu_bench('export', documents[1], '--to', 'kalibr', '-o', tmp_path / 'file')
+    assert code == 1 and 'one file for 2 sensors' in err
+
+
+def test_one_severe_sensor_of_two_is_left_out_by_name(imu_bench, moved, tmp_path):
+    folder = tmp_path / 'all'
+    assert imu_bench('export', moved, '--to', 'vins', '-o', folder)[0] == 1
+    assert not folder.exists()
+    code, *_ = imu_bench('export', moved, '--to', 'vins', '-o', folder, '--topic', 'still')
+    assert code == 0 and not folder.is_dir() and folder.read_text().startswith('%YAML')
 
 
 def test_conservative_numbers_are_larger(imu_bench, documents):
@@ -69,9 +112,8 @@ def test_conservative_numbers_are_larger(imu_bench, documents):
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
-        (['{two}', '--to', 'kalibr'], 'choose one with --topic: quiet, loud'),
+        (['{two}', '--to', 'kalibr'], 'with -o FOLDER: quiet, loud'),
         (['{one}', '--to', 'kalibr', '--topic', 'other'], "no sensor 'other'"),
-        (['{one}', '--to', 'kalibr', '-o', '{folder}'], 'is a folder'),
         (['{one}', '--to', 'kalibr', '-o', '{folder}/none/x'], 'does not exist'),
         (['{folder}/missing.json', '--to', 'csv'], 'No such file'),
         (['{folder}/text.json', '--to', 'csv'], 'not a JSON document'),

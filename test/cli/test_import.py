@@ -175,8 +175,8 @@ def test_no_output_is_wrong_usage(imu_bench, log):
         ('a', 'mcap', 'imu_bench.bags.mcap_writer.McapWriter.write_many'),
         ('a', 'sqlite3', 'imu_bench.bags.sqlite_writer.SqliteWriter.write_many'),
         ('a', 'npy', 'imu_bench.bags.columns.ColumnWriter.write'),
-        ('a', 'csv', 'imu_bench.offline.imports.table.rows'),
-        ('a.csv', 'csv', 'imu_bench.offline.imports.table.rows'),
+        ('a', 'csv', 'imu_bench.offline.imports.outputs.rows'),
+        ('a.csv', 'csv', 'imu_bench.offline.imports.outputs.rows'),
     ],
 )
 @pytest.mark.parametrize('full', [True, False])

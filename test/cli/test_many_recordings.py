@@ -13,12 +13,12 @@ import sys
 import time
 
 from distributed import LocalCluster
-from imu_bench.cli import running
-from imu_bench.offline import workers
-from imu_bench.offline.pipeline import analyse_files, Order
+from imu_bench.offline.analysis.settings import Settings
 from imu_bench.offline.recordings import ReadOptions
-from imu_bench.offline.settings import Settings
-from imu_bench.offline.workers import Processes
+from imu_bench.offline.running import workers
+from imu_bench.offline.running.pipeline import analyse_files, Order
+from imu_bench.offline.running.workers import Processes
+from imu_bench.terminal import working
 import pytest
 
 MANY = 16
@@ -38,6 +38,13 @@ def folder(write_csv, tmp_path_factory):
 COMMAND = [sys.executable, '-m', 'imu_bench.cli.main', 'analyze']
 
 
+def found(path):
+    """Return a document but for the command, which names the number of processes."""
+    document = json.loads(path.read_text())
+    assert document['settings'].pop('command')
+    return document
+
+
 def analyse(inputs, output, *options):
     """
     Return exit code, error lines and the document.
@@ -48,7 +55,7 @@ def analyse(inputs, output, *options):
         [*COMMAND, *map(str, inputs), '--json', str(output), *options],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
-    return done.returncode, done.stderr.splitlines(), json.loads(output.read_text())
+    return done.returncode, done.stderr.splitlines(), found(output)
 
 
 @pytest.fixture(scope='module')
@@ -56,9 +63,14 @@ def recordings(folder):
     return sorted(folder.glob('*.csv'))
 
 
+@pytest.fixture(scope='module')
+def alone(recordings, tmp_path_factory):
+    """Return what one process makes of the recordings."""
+    return analyse(recordings, tmp_path_factory.mktemp('alone') / '1.json', '--jobs', '1')
+
+
 @pytest.mark.slow
-def test_processes_change_nothing_and_a_bad_file_stops_nobody(recordings, tmp_path):
-    alone = analyse(recordings, tmp_path / '1.json', '--jobs', '1')
+def test_processes_change_nothing_and_a_bad_file_stops_nobody(recordings, alone, tmp_path):
     shared = analyse(recordings, tmp_path / '3.json', '--jobs', '3')
     assert alone == shared
     code, errors, document = shared
@@ -82,8 +94,7 @@ def test_axes_of_one_large_recording_are_shared_out(write_csv, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings('ignore::DeprecationWarning', 'ignore::ResourceWarning')
-def test_a_dask_cluster_gives_the_same(recordings, tmp_path):
-    alone = analyse(recordings, tmp_path / 'alone.json', '--jobs', '1')
+def test_a_dask_cluster_gives_the_same(recordings, alone, tmp_path):
     folder = tmp_path / 'dask'
     with LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=folder
@@ -98,7 +109,7 @@ def test_a_dask_cluster_gives_the_same(recordings, tmp_path):
 @pytest.mark.slow
 @pytest.mark.filterwarnings('ignore::DeprecationWarning', 'ignore::ResourceWarning')
 def test_no_cluster_where_none_is(imu_bench, recordings, monkeypatch):
-    monkeypatch.setattr('imu_bench.offline.cluster._PATIENCE_S', 1)
+    monkeypatch.setattr('imu_bench.offline.running.workers._PATIENCE_S', 1)
     code, _, err = imu_bench('analyze', *recordings, '--scheduler', 'tcp://127.0.0.1:1')
     assert code == 1
     assert 'tcp://127.0.0.1:1: no scheduler there' in err
@@ -106,8 +117,8 @@ def test_no_cluster_where_none_is(imu_bench, recordings, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on_where_it_was(recordings, tmp_path):
-    undisturbed, again = tmp_path / 'undisturbed.json', tmp_path / 'again.json'
+def test_a_killed_run_goes_on_where_it_was(recordings, alone, tmp_path):
+    again = tmp_path / 'again.json'
     environment = {**os.environ, 'TMPDIR': str(tmp_path)}
 
     def run(output, **options):
@@ -117,25 +128,23 @@ def test_a_killed_run_goes_on_where_it_was(recordings, tmp_path):
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options,
         )  # fmt: skip
 
-    with run(undisturbed) as process:
-        process.communicate(timeout=100)
     kept = tmp_path / 'imu_bench_cache' / 'results'
     assert not kept.exists()
     with run(again, start_new_session=True) as process:
-        deadline = time.monotonic() + 100
+        deadline = time.monotonic() + 300
         while len(list(kept.glob('*.result'))) < 3 and time.monotonic() < deadline:
             assert process.poll() is None, 'it was finished before it could be killed'
         process.kill()
-        process.communicate(timeout=100)
+        process.communicate()
     assert process.returncode == -signal.SIGKILL
     assert not again.exists()
     before = len(list(kept.glob('*.result')))
     assert before >= 3
     with run(again) as process:
-        out, _ = process.communicate(timeout=100)
+        out, _ = process.communicate()
     said = next(line for line in out.splitlines() if 'finished by an earlier run' in line)
     assert before <= int(said.split()[0]) <= MANY
-    assert again.read_text() == undisturbed.read_text()
+    assert found(again) == alone[2]
     assert not kept.exists()
 
 
@@ -159,7 +168,7 @@ def test_a_killed_process_takes_no_recording_along(recordings):
 
 def test_more_processes_than_memory_allows_are_told_and_not_started(write_csv, capsys):
     arguments = Namespace(jobs=16, scheduler=None)
-    with running.workers(arguments, [write_csv(n=10)] * 20) as team:
+    with working.workers(arguments, [write_csv(n=10)] * 20) as team:
         assert team.jobs == workers.MOST_WITHIN_MEMORY < 16
     told = capsys.readouterr().err
     assert told == (

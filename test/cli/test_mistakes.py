@@ -78,8 +78,6 @@ def test_a_recording_is_no_result(refused, write_csv, document, verb, kind):
 @pytest.mark.parametrize(
     ('options', 'says'),
     [
-        (['--start=-5'], '--start -5: give seconds after the first sample, 0 or more'),
-        (['--end=-5'], '--end -5: '),
         (['--start', '5000000'], 'from 5000000 s on'),
         (['--window', '0:5'], 'with a stamp from 0 to 5 ns; its stamps are 1000000000000 to'),
     ],
@@ -106,7 +104,7 @@ def test_columns_that_nobody_named_are_told(imu_bench, tmp_path):
     path = tmp_path / 'log.csv'
     path.write_text('\n'.join(f'{i % 7},{i % 5},{i % 3},4,5' for i in range(200)))
     code, out, _ = imu_bench(
-        'analyze', path, '--columns', 'ax,ay', '--units', 'SI', '--rate', '100'
+        'analyze', path, '--full', '--columns', 'ax,ay', '--units', 'SI', '--rate', '100'
     )
     assert code == 0
     assert '--columns names 2 of 5 columns and no linear_acceleration.z' in ' '.join(out.split())

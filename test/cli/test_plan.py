@@ -14,7 +14,8 @@ def test_static_in_the_terminal_and_in_files(imu_bench, write_csv, tmp_path):
         '--figures', figures,
     )  # fmt: skip
     assert (code, err) == (0, '')
-    assert out.index('Static comparison') < out.index('stationary data (table 5.1)')
+    table = 'stationary data (Shabulinzenze 2020, table 5.1)'
+    assert out.index('Static comparison') < out.index(table)
     found = json.loads(document.read_text(encoding='utf-8'))
     assert found['schema'] == 'imu_bench.plan/1'
     assert found['plan'] == 'static'
@@ -80,3 +81,50 @@ def test_a_pair_that_cannot_be_is_one_line(imu_bench, two_streams, plan, pair, t
     code, _, err = imu_bench('analyze', *two_streams, '--plan', plan, '--pair', *pair)
     assert (code, len(err.splitlines())) == (1, 1)
     assert text in err
+
+
+LOUDEST = '''
+"""Which axis is the loudest."""
+
+import numpy as np
+
+from imu_bench.offline.plans.plan import NoisePlan
+from imu_bench.offline.plans.result import PlanResult
+from imu_bench.offline.presentation.figure import Figure, Series
+from imu_bench.offline.presentation.tables import Column, Table
+
+
+class Loudest(NoisePlan):
+    name = 'loudest'
+    title = 'The loudest axis'
+
+    def conclude(self, measured):
+        axes = [axis for recording in measured for axis in recording.axes.values()]
+        rows = tuple((axis.name, axis.statistics['std']) for axis in axes)
+        sizes = np.array([axis.statistics['std'].value for axis in axes])
+        bars = Series('σ', np.arange(len(axes)), sizes, kind='bars')
+        return PlanResult(
+            self.name, self.title, (f'Of {len(axes)} axes.',),
+            (Table('All axes', (Column('axis'), Column('σ')), rows),),
+            (Figure('All', 'axis', 'σ in SI', (bars,), categories=tuple(r[0] for r in rows)),),
+        )
+'''
+
+
+def test_a_new_plan_is_one_folder(imu_bench, write_csv, tmp_path, monkeypatch, figures_in):
+    """It is found, run, shown in the terminal and on a page, and written."""
+    from imu_bench.offline import plans
+
+    folder = tmp_path / 'plans' / 'loudest'
+    folder.mkdir(parents=True)
+    (folder / '__init__.py').write_text(LOUDEST, encoding='utf-8')
+    monkeypatch.setattr(plans, '__path__', [*plans.__path__, str(folder.parent)])
+    document, page = tmp_path / 'p.json', tmp_path / 'p.html'
+    code, out, err = imu_bench(
+        'analyze', write_csv(), '--plan', 'loudest', '--json', document, '--html', page
+    )
+    assert (code, err) == (0, '')
+    assert 'Of 6 axes.' in out
+    assert 'linear_acceleration.z' in out
+    assert len(json.loads(document.read_text('utf-8'))['tables'][0]['rows']) == 6
+    assert len(figures_in(page.read_text('utf-8'))) == 1

@@ -72,7 +72,7 @@ def test_tilt_steps(imu_bench, simulated, tmp_path):
     assert min(step['step']['value'] for step in smallest) < 0.005 * 0.01745
     assert 'on chip − trigonometry' in page.read_text(encoding='utf-8')
     assert len(list(figures.glob('*.svg'))) == 3
-    assert 'Errors of the angle (appendix 6)' in out
+    assert 'Errors of the angle (mast thesis, appendix 6)' in out
 
 
 def test_a_table_that_is_set_by_hand(imu_bench, simulated, tmp_path):
@@ -149,7 +149,9 @@ def test_a_bench_that_was_not_heated_is_refused_in_one_line(imu_bench, simulated
 
 
 @pytest.mark.data
-def test_the_calibration_of_a_session_goes_into_a_sensor(imu_bench, shared_data, tmp_path):
+def test_the_calibration_of_a_session_goes_into_a_sensor(
+    imu_bench, shared_data, tmp_path, monkeypatch
+):
     from imu_bench import bench
 
     columns = ','.join(
@@ -157,6 +159,7 @@ def test_the_calibration_of_a_session_goes_into_a_sensor(imu_bench, shared_data,
         for short, name in (('gyr', 'angular_velocity'), ('acc', 'linear_acceleration'))
         for axis in 'xyz'
     )
+    monkeypatch.setenv('COLUMNS', '200')
     yaml = tmp_path / 'calibration.yaml'
     session = shared_data / 'ferraris_session'
     code, out, err = imu_bench(

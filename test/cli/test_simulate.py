@@ -63,7 +63,7 @@ def test_options_of_text_files_are_said_to_be_unused_on_a_bag(imu_bench, own_ben
     (bag.parent / '.unfinished-other').mkdir()
     shutil.copytree(bag, bag.parent / '.unfinished-other' / 'other')
     code, out, _ = imu_bench(
-        'analyze', bag.parent, '--topic', '/bench/left/imu/data_raw',
+        'analyze', bag.parent, '--full', '--topic', '/bench/left/imu/data_raw',
         '--rate', '5', '--units', 'foo=bar',
     )  # fmt: skip
     assert code == 0
@@ -186,7 +186,7 @@ def test_a_run_that_is_stopped_leaves_nothing(
         seen.extend(path.name for path in tmp_path.iterdir())
         raise KeyboardInterrupt
 
-    monkeypatch.setattr('imu_bench.cli.progress.Bar.phase', lambda bar, name: stop)
+    monkeypatch.setattr('imu_bench.terminal.progress.Bar.phase', lambda bar, name: stop)
     before = sorted(tmp_path.iterdir())
     code, _, err = imu_bench(
         'simulate', own_bench, '--duration', '10min', '-o', tmp_path / 'bag', '--storage', storage

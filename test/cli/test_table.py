@@ -2,11 +2,19 @@
 """The terminal table fits every width and prints nothing that steers a terminal."""
 
 from dataclasses import replace
+import fcntl
 import io
+import os
+import struct
+import sys
+import termios
 
-from imu_bench.cli import table
-from imu_bench.offline import results
-from imu_bench.offline.comparison import compare
+from imu_bench.offline.analysis import results
+from imu_bench.offline.comparing.sensors import compare
+from imu_bench.offline.health import Finding
+from imu_bench.offline.plans.result import PlanResult
+from imu_bench.offline.presentation.tables import Column, Table
+from imu_bench.terminal import tables as table
 import pytest
 from rich.console import Console
 
@@ -67,5 +75,70 @@ def test_six_sensors_are_a_table_at_80_columns(analysis):
         for name in ('mti300', 'mpu9250', 'lsm303dlhc')
     )
     text = shown(replace(analysis, recordings=recordings), 80)
-    assert text.count('lsm303dlhc ') >= 3  # its heading, and a row in each table
-    assert 'σ, RMS  ' not in text  # one number a line
+    assert text.count('lsm303dlhc ') >= 6  # its heading, a row in each table, its four numbers
+    assert '  σ, RMS' in text  # columns, not one number a line
+    assert text.count('±') > 18 * 2  # and each with its interval
+
+
+def moved(label):
+    return Finding('severe', 'motion', f'{label} moved.', 'It affects all.', 'Record again.')
+
+
+def test_the_summary_is_last_and_what_several_share_is_said_once(analysis):
+    one = analysis.recordings[0]
+    note = Finding('info', 'tones', 'A tone of 50 Hz.', 'Little.', 'None.')
+    many = replace(
+        analysis,
+        recordings=tuple(
+            replace(one, topic=f'/bench/{name}/imu/data_raw',
+                    health=replace(one.health, findings=(moved(name), note)))
+            for name in 'abcdef'
+        ),
+    )  # fmt: skip
+    text = ' '.join(shown(many, 100).split())
+    assert text.count('It affects all. Record again.') == 1
+    assert 'a: a moved. b: b moved. c: c moved. Likewise d, e, f.' in text
+    assert 'A tone of 50 Hz.' not in text
+    assert '6 notes without effect on the numbers: --full' in text
+    assert text.index('Which sensor is best') > text.index('Numbers for your filter')
+    full = ' '.join(shown(many, 100, full=True).split())
+    assert full.count('It affects all. Record again.') == 6
+    assert full.count('A tone of 50 Hz.') == 6
+
+
+def test_a_plan_shows_a_dozen_rows_and_the_columns_that_fit(analysis):
+    columns = (Column('Sensor'), *(Column(f'column number {n}') for n in range(8)))
+    rows = tuple((f'row {n}', *('0.1 ± 0.2',) * 8) for n in range(207))
+    plan = PlanResult(
+        plan='p', title='T', sources=(), settings={}, summary=('It is so.',), findings=(),
+        tables=(Table('Many', columns, rows),), figures=(), failures=(),
+    )  # fmt: skip
+
+    def printed(**options):
+        out = io.StringIO()
+        table.show_plan(plan, Console(file=out, width=80, highlight=False), **options)
+        return out.getvalue()
+
+    text = printed()
+    assert len(text.splitlines()) < 30 and max(map(len, text.splitlines())) <= 80
+    assert 'row 11' in text and 'row 12' not in text
+    assert 'and 195 rows more: --full' in text
+    assert 'columns without room: --full' in text
+    assert text.rstrip().endswith('It is so.')
+    assert 'row 206' in printed(full=True)
+
+
+def test_the_width_is_that_of_the_terminal_behind_a_pipe(monkeypatch):
+    monkeypatch.setenv('COLUMNS', '93')
+    assert table.console().width == 93
+    monkeypatch.delenv('COLUMNS')
+    main, behind = os.openpty()
+    with os.fdopen(behind, 'w') as stderr, open(os.devnull, 'w') as null:
+        # tcsetwinsize is of Python 3.11
+        fcntl.ioctl(main, termios.TIOCSWINSZ, struct.pack('HHHH', 24, 71, 0, 0))
+        for name, stream in (('stdout', null), ('stderr', stderr), ('stdin', null)):
+            monkeypatch.setattr(sys, f'__{name}__', stream)
+        assert table.console().width == 71
+        monkeypatch.setattr(sys, '__stderr__', null)
+        assert table.console().width == table.FILE_WIDTH
+    os.close(main)

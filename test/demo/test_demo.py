@@ -17,7 +17,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 import yaml
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 BENCHES = Path(__file__).resolve().parents[2] / 'config' / 'benches'
 
@@ -38,6 +38,18 @@ def command(*arguments):
     return [sys.executable, '-m', 'imu_bench.cli.main', *map(str, arguments)]
 
 
+def ended_well(code, output, complaints):
+    """
+    Check that a demo did what it should, and lost nothing between sensors and bag.
+
+    A machine with too much to do may keep sensors from their rate; it has to say so.
+    """
+    assert (code == 0) == ('imu-bench: error: ' not in complaints), output + complaints
+    assert 'report: ' in output, output + complaints
+    assert 'on the way to the recorder' not in output, output + complaints
+    assert 'before the recorder heard' not in output, output + complaints
+
+
 @pytest.fixture(scope='module')
 def demo(tmp_path_factory):
     # a short window, so that it has left the start of the recording behind
@@ -50,9 +62,9 @@ def demo(tmp_path_factory):
     folder = path.parent / 'run'
     result = subprocess.run(
         command('demo', path, '--duration', 12, '-o', folder),
-        capture_output=True, text=True, timeout=200,
+        capture_output=True, text=True,
     )  # fmt: skip
-    assert result.returncode == 0, result.stdout + result.stderr
+    ended_well(result.returncode, result.stdout, result.stderr)
     return folder, result
 
 
@@ -80,9 +92,11 @@ def test_each_sensor_kept_its_rate_or_is_reported(demo, recordings):
         verdict = next(line for line in said.splitlines() if line.startswith(f'{name}: '))
         health = recordings[name]['health']
         assert health['rate']['value'] == pytest.approx(nominal, rel=0.03)
-        assert ('nothing lost' in verdict) != ('did NOT keep' in verdict)
-        if health['missing']:
-            assert 'did NOT keep' in verdict or f'{health["missing"]} samples missing' in said
+        lost = re.search(r'(\d+) lost in the sensor', verdict)
+        assert ('nothing lost' in verdict or 'no loss counted' in verdict) != bool(lost)
+        # the health of the bag counts the same samples
+        counts = {each['code']: each['count'] for each in health['findings'] if 'count' in each}
+        assert counts == ({'lost_in_sensor': int(lost[1])} if lost else {})
 
 
 def test_noise_that_went_in_comes_out(recordings):
@@ -125,7 +139,9 @@ def complete_windows(bag):
         for window in each:
             inside = (window.start_ns <= recorded) & (recorded <= window.end_ns)
             pairs = window.curves['linear_acceleration.z']['terms'][0]
-            if pairs == np.count_nonzero(inside) - 1:
+            steps = np.diff(recorded[inside])
+            # where the sensor itself lost samples, the two sides of the hole are no pair
+            if pairs and pairs == np.count_nonzero(steps < 1.5 * np.median(steps)):
                 complete[sensor] = window
     return complete, vectors
 
@@ -145,7 +161,7 @@ def test_live_metrics_equal_the_offline_ones_of_the_same_window(demo, tmp_path, 
             '--window', f'{live.start_ns}:{live.end_ns}',
             '--tau', ','.join(repr(float(tau)) for tau in taus), '--json', output,
         ),
-        check=True, capture_output=True, timeout=100,
+        check=True, capture_output=True,
     )  # fmt: skip
     (recording,) = json.loads(output.read_text(encoding='utf-8'))['recordings']
     for name, axis in recording['axes'].items():
@@ -192,15 +208,14 @@ def test_interrupt_stops_cleanly_and_still_analyses(tmp_path):
         said = []
         for line in process.stderr:
             said.append(line)
-            if ' of 600 s' in line:  # all sensors are up
+            if ' of 0:10:00' in line:  # all sensors are up
                 break
         assert process.poll() is None, said
         os.killpg(process.pid, signal.SIGINT)
-        output, complaints = process.communicate(timeout=150)
-    assert process.returncode == 0, output + complaints
-    assert 'stopping\n' in complaints
+        output, complaints = process.communicate()
+    ended_well(process.returncode, output, complaints)
     # whatever else is said is a fault: of a thread, of ROS 2, or of a process that was killed
-    rest = [line for line in complaints.splitlines() if ' of 600 s: ' not in line]
+    rest = [line for line in complaints.splitlines() if ' of 0:10:00, ' not in line]
     assert rest[0] == 'stopping', complaints
     assert not re.search('Traceback|Exception|did not stop|rcl', complaints), complaints
     assert (folder / 'bag' / 'metadata.yaml').is_file()
@@ -222,9 +237,9 @@ def test_a_test_of_the_bench_runs_live_on_all_sensors_at_once_and_is_analysed(tm
     folder = tmp_path / 'run'
     result = subprocess.run(
         command('demo', bench, '--duration', 8, '-o', folder),
-        capture_output=True, text=True, timeout=200,
+        capture_output=True, text=True,
     )  # fmt: skip
-    assert result.returncode == 0, result.stdout + result.stderr
+    ended_well(result.returncode, result.stdout, result.stderr)
     assert 'test tilt: scenario tilt_steps for 7 s; made short with ' in result.stdout
     found = json.loads((folder / 'results.json').read_text(encoding='utf-8'))
     assert found['plan'] == 'inclination'
@@ -240,7 +255,7 @@ def test_a_test_of_the_bench_runs_live_on_all_sensors_at_once_and_is_analysed(tm
 def test_an_unknown_test_is_one_line_with_those_there_are(tmp_path):
     result = subprocess.run(
         command('demo', 'mast_inclination', '--test', 'tolt', '-o', tmp_path / 'run'),
-        capture_output=True, text=True, timeout=60,
+        capture_output=True, text=True,
     )  # fmt: skip
     assert result.returncode == 1
     assert result.stderr == (
@@ -252,9 +267,7 @@ def test_an_unknown_test_is_one_line_with_those_there_are(tmp_path):
 
 def test_a_folder_that_is_not_empty_is_left_alone(tmp_path):
     (tmp_path / 'mine.txt').write_text('precious')
-    result = subprocess.run(
-        command('demo', '-o', tmp_path), capture_output=True, text=True, timeout=60
-    )
+    result = subprocess.run(command('demo', '-o', tmp_path), capture_output=True, text=True)
     assert result.returncode == 1
     assert result.stderr.startswith('imu-bench: error:')
     assert 'not empty' in result.stderr
@@ -262,8 +275,6 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path):
 
 
 def test_an_unknown_bench_lists_those_there_are():
-    result = subprocess.run(
-        command('demo', 'no_such_bench'), capture_output=True, text=True, timeout=60
-    )
+    result = subprocess.run(command('demo', 'no_such_bench'), capture_output=True, text=True)
     assert result.returncode == 1
     assert 'machine_vibration.yaml' in result.stderr

@@ -33,7 +33,8 @@ def pi(monkeypatch):
 
 def test_sensors_of_one_bus_share_it_at_the_speed_of_the_device_tree(pi):
     config = BenchConfig(
-        'two', sensors=(hardware('a', 'mpu9250', 'i2c-1'), hardware('b', 'bno055', '/dev/i2c-1'))
+        'two',
+        sensors=(hardware('a', 'mpu9250', 'i2c-1'), hardware('b', 'lsm303dlhc', '/dev/i2c-1')),
     )
     found = checkup.examine(config)
     (load,) = found.loads
@@ -92,7 +93,7 @@ def test_wires_are_those_of_the_sensors_and_their_speeds_are_said_to_be_known_or
     )  # fmt: skip
     loads = {load.name: load for load in checkup.examine(config, probe=False).loads}
     assert {name: (load.speed_hz, load.speed_source) for name, load in loads.items()} == {
-        'spidev0': (2e6, 'of the chips'),
+        'spidev0': (2e6, 'usual'),
         'i2c-7': (100e3, 'assumed; give --i2c-hz'),
         'emulated i2c of own': (400e3, 'emulated'),
         'emulated serial of usb': (10e6, 'USB'),

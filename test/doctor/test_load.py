@@ -2,12 +2,17 @@
 """What the doctor predicts, held against the emulated bench and against arithmetic."""
 
 import heapq
+from pathlib import Path
 
-from imu_bench import bench, drivers
+from imu_bench import bench, drivers, wires
 from imu_bench.acquisition import Acquisition
+from imu_bench.cli.doctor import FULL
 from imu_bench.config import sensor_from_parameters
+from imu_bench.config.location import config_file
+from imu_bench.doctor import checkup, machine, probing
 from imu_bench.doctor.demand import demand_of
 from imu_bench.doctor.load import predict, Wire
+from imu_bench.doctor.machine import Bus
 from imu_bench.doctor.metering import seconds
 from imu_bench.emulators.line import Line, Timing
 from imu_bench.simulation.clock import SimulatedClock
@@ -15,6 +20,7 @@ import pytest
 
 SECOND = 1_000_000_000
 WITHIN = 0.05
+ROOT = Path(__file__).parents[2]
 
 
 def sensor(name, driver, **settings):
@@ -27,7 +33,11 @@ def voltage(name, rate_hz):
     return sensor(name, 'mtn1100', bus='i2c-1', converter='ads1115', rate_hz=rate_hz)
 
 
-LIGHT = (sensor('still', 'iim42652', rate_hz=200.0), sensor('fused', 'bno055'))
+LIGHT = (
+    sensor('still', 'iim42652', rate_hz=200.0),
+    sensor('slow', 'lsm303dlhc', rate_hz=100.0, magnetometer_rate_hz=15.0),
+)
+FUSED = (sensor('still', 'iim42652', rate_hz=200.0), sensor('fused', 'bno055'))
 USUAL = (sensor('left', 'mpu9250'), sensor('right', 'lsm303dlhc'))
 POLLED = (
     voltage('one', 400.0), voltage('two', 400.0),
@@ -89,8 +99,15 @@ def emulated_bench(sensors, timing, settling_s=5, measured_s=15):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('sensors', 'speed_hz'),
-    [(LIGHT, 400e3), (USUAL, 400e3), (USUAL, 100e3), (POLLED, 100e3), (MIXED, 100e3)],
-    ids=['light', 'usual', 'FIFOs run over', 'polled rates fall', 'all of it'],
+    [
+        (LIGHT, 400e3),
+        (FUSED, 400e3),
+        (USUAL, 400e3),
+        (USUAL, 100e3),
+        (POLLED, 100e3),
+        (MIXED, 100e3),
+    ],
+    ids=['light', 'stretched', 'usual', 'FIFOs run over', 'polled rates fall', 'all of it'],
 )
 def test_the_prediction_agrees_with_the_emulated_bench(sensors, speed_hz):
     timing = Timing.i2c(speed_hz)
@@ -111,8 +128,8 @@ def test_polled_sensors_on_a_full_bus_get_what_arithmetic_gives_them():
     timing = Timing.i2c(50e3)
     sensors = [sensor(name, 'bno055') for name in 'abcd']
     load = predict(wire_of(sensors, timing))
-    # one look is 32 bytes: one after the other, each gets its turn in four of them
-    round_s = 4 * timing.read_ns(32) * 1e-9
+    # one look is 32 bytes, each stretched: one after the other, each gets its turn in four of them
+    round_s = 4 * (timing.read_ns(32) * 1e-9 + 32 * 180e-6)
     assert load.busy > 1.0
     rates, _ = emulated_bench(sensors, timing, settling_s=2, measured_s=5)
     for share in load.shares:
@@ -124,7 +141,8 @@ def test_polled_sensors_on_a_full_bus_get_what_arithmetic_gives_them():
     ('driver', 'settings', 'depth_ms', 'has_fifo'),
     [
         # 512 bytes in frames of 14: PS-MPU-9250A-01 section 4.17
-        ('mpu9250', {}, 36.5, True),
+        # 22 bytes a sample, with those of the magnetometer that its own master reads
+        ('mpu9250', {}, 512 / 22 / 1.004, True),
         # behind the auxiliary master of SPI 8 bytes more
         ('mpu9250', {'bus': 'spi'}, 23.3, True),
         # 32 slots, of which the last may be overwritten while it is read
@@ -160,3 +178,56 @@ def test_what_is_read_costs_what_the_document_of_the_bus_says():
 
 def test_a_generic_source_asks_for_nothing():
     assert demand_of(sensor('mine', 'generic', rate_hz=100.0)) is None
+
+
+def test_a_slower_bus_is_never_faster_and_gives_what_arithmetic_does():
+    rates = []
+    for speed_hz in (400e3, 150e3, 100e3, 80e3, 50e3, 30e3):
+        timing = Timing.i2c(speed_hz)
+        (share,) = predict(wire_of([sensor('fused', 'bno055')], timing)).shares
+        # 32 bytes, 180 µs of stretching each: alone on its bus it is read without a pause
+        look_s = timing.read_ns(32) * 1e-9 + 32 * 180e-6
+        assert share.busy > 32 * 180e-6 / 6.5e-3
+        assert share.predicted_hz == pytest.approx(min(100.0, 1 / look_s), rel=WITHIN)
+        rates.append(share.predicted_hz)
+    assert rates == sorted(rates, reverse=True)
+
+
+def test_on_a_serial_line_nobody_stretches_a_clock():
+    line = predict(wire_of([sensor('fused', 'bno055', bus='serial')], Timing.serial()))
+    assert line.busy < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ['machine_vibration', 'mast_inclination', 'vehicle_vibration'])
+@pytest.mark.parametrize('suffix', ['', '_hardware'])
+def test_on_the_buses_of_the_documents_every_sensor_keeps_its_rate(name, suffix, monkeypatch):
+    config = bench.load_bench(config_file(f'benches/{name}{suffix}.yaml'))
+    fast = [Bus(f'/dev/i2c-{n}', 'i2c', '', 'i2c', True, 400e3) for n in (1, 6)]
+    monkeypatch.setattr(machine, 'buses', lambda: fast)
+    monkeypatch.setattr(probing, 'check', lambda sensor: '')
+    loads = {load.name: load for load in checkup.examine(config, probe=False).loads}
+    assert all(share.keeps_rate for load in loads.values() for share in load.shares), loads
+    assert all(load.busy < FULL for load in loads.values())
+    if suffix:  # what the page says
+        page = (ROOT / 'docs' / 'raspberry_pi.md').read_text()
+        rows = [line.split('|') for line in page.splitlines() if f'| `{name}' in line]
+        said = {row[2].strip(' `'): float(row[4].strip(' %')) for row in rows}
+        assert said == pytest.approx({k: 100 * v.busy for k, v in loads.items()}, abs=1.0)
+    shared = {name for name, load in loads.items() if len(load.shares) > 1}
+    assert shared == {'mast_inclination': {'spidev0'}}.get(name, {'i2c-1'})
+
+
+def test_the_wires_of_a_bench_are_those_of_its_hardware():
+    for name in ('machine_vibration', 'mast_inclination', 'vehicle_vibration'):
+        here, there = (
+            bench.load_bench(config_file(f'benches/{name}{suffix}.yaml'))
+            for suffix in ('', '_hardware')
+        )
+        assert here.tests == there.tests != ()
+        for emulated, real in zip(here.sensors, there.sensors, strict=True):
+            assert real.backend == 'hardware'
+            assert (emulated.name, emulated.driver) == (real.name, real.driver)
+            assert emulated.settings == real.settings
+            if emulated.bus not in ('', *drivers.load(emulated.driver).bus_kinds):
+                assert wires.wire_of(emulated) == wires.wire_of(real)

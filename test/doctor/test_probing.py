@@ -73,7 +73,7 @@ def test_nobody_is_asked_at_an_address_that_no_driver_has(desk):
 def test_a_relative_and_a_stranger_are_named_as_such(desk):
     desk.chips = {(0x68, 0x75): b'\x70', (0x6A, 0x0F): b'\x33', (0x48, 0x00): b'\x12\x34'}
     found = {answer.address: answer for answer in probing.scan(I2C)}
-    assert 'MPU-6500, which has no magnetometer' in found[0x68].what
+    assert 'MPU-6500, often sold as MPU-9250, without a magnetometer' in found[0x68].what
     assert found[0x6A].what == '0x0F holds 0x33, which is not ST LSM9DS1'
     assert 'without an identity register: mtn1100' in found[0x48].what
     assert {answer.state for answer in found.values()} == {'unknown'}

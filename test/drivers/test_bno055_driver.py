@@ -5,7 +5,7 @@ import struct
 
 from imu_bench.bus.scripted import ScriptedRegisters, ScriptedStream
 from imu_bench.drivers.bno055 import Bno055
-from imu_bench.errors import BusError, ConfigError, FrameError, IdentityError, NotReady
+from imu_bench.errors import BusError, FrameError, IdentityError, NoAnswer, NotReady
 from imu_bench.simulation.clock import SimulatedClock
 import numpy as np
 import pytest
@@ -22,14 +22,15 @@ def write(register, data):
 
 
 PAGE_0, PAGE_1 = write(0x07, '00'), write(0x07, '01')
-RESET = [
-    PAGE_0,
-    read(0x3D, '1c'),
-    write(0x3D, '10'),  # CONFIG
-    write(0x3F, '20'),
+CONFIG = [PAGE_0, read(0x3D, '1c'), write(0x3D, '10')]
+RESET = [  # what a reset would do, written
+    *CONFIG,
     write(0x07, '00'),
-    read(0x3E, '00'),
+    read(0x3E, '02'),
     write(0x3E, '00'),
+    write(0x55, 18 * '00'),
+    write(0x3F, '00'),
+    read(0x38, '00'),
 ]
 IDENTITY = [read(0x00, 'a0'), read(0x01, 'fb320f'), read(0x04, '0803')]
 UNITS = [write(0x3B, '80'), write(0x41, '24'), write(0x42, '00'), PAGE_1]
@@ -80,8 +81,7 @@ def test_configuration_is_written_in_config_mode_read_back_and_compared(steps, s
     made.configure()
     assert made.configured
     made._wires[''].finish()
-    # 19 ms to CONFIG, 650 ms after the reset
-    assert made.clock.now_ns() - start > 669_000_000
+    assert made.clock.now_ns() - start > 19_000_000  # to CONFIG
 
 
 def test_what_the_chip_is():
@@ -109,6 +109,39 @@ def test_a_failed_self_test_is_an_error():
         made.configure()
     assert not made.configured
     assert made.counters['system_errors'] == 1
+
+
+def after_an_error(*steps):
+    made = driver(*steps, accelerometer_range=8.0)
+    with pytest.raises(NotReady):
+        made._give_up('SYS_ERR')
+    return made
+
+
+def test_only_after_an_error_the_chip_is_reset():
+    silent = (('write', 0x3F, b' '), NoAnswer('no acknowledge'))
+    booting = (('read', 0x00, 1), NoAnswer('starting'))
+    made = after_an_error(
+        *CONFIG, silent, booting, booting, read(0x00, 'a0'), *FUSED[1:],
+    )  # fmt: skip
+    start = made.clock.now_ns()
+    made.configure()
+    made._wires[''].finish()
+    assert made.clock.now_ns() - start > 669_000_000  # DS table 0-2
+
+
+def test_a_chip_that_hangs_after_a_reset_needs_its_supply_switched():
+    class Hangs(ScriptedRegisters):
+        def read(self, register, length):
+            if register == 0x00:
+                raise NoAnswer('script: nothing answers')
+            return super().read(register, length)
+
+    made = Bno055(Hangs([*CONFIG, write(0x3F, '20')]), SimulatedClock(), {})
+    with pytest.raises(NotReady):
+        made._give_up('SYS_ERR')
+    with pytest.raises(NoAnswer, match=r'some BNO055 hang .*: switch it off and on, or set'):
+        made.configure()
 
 
 def test_the_crystal_is_waited_for():
@@ -158,36 +191,15 @@ def test_stopping_goes_to_config():
     assert made._wires[''].closed
 
 
-@pytest.mark.parametrize(
-    ('settings', 'text'),
-    [
-        ({'mode': 'magonly'}, 'mode.*acconly'),
-        ({'mode': 'm4g'}, r'rate_hz: mode m4g has 50 Hz'),
-        ({'mode': 'amg', 'rate_hz': 50.0}, r'rate_hz: mode amg has 100 Hz'),
-        ({'accelerometer_bandwidth': 125.0}, 'accelerometer_bandwidth: mode ndof has 62.5 Hz'),
-        ({'gyroscope_bandwidth': 47.0}, 'gyroscope_bandwidth: mode ndof has 32 Hz'),
-        ({'magnetometer_rate_hz': 10.0}, 'magnetometer_rate_hz: mode ndof has 20 Hz'),
-        ({'accelerometer_range': 3.0}, '2, 4, 8, 16'),
-        ({'magnetometer_mode': 'enhanced'}, 'magnetometer_mode: mode ndof sets it itself'),
-        ({'magnetometer_mode': 'best'}, 'low power, regular, enhanced, high accuracy'),
-    ],
-)
-def test_what_cannot_be_is_refused(settings, text):
-    with pytest.raises(ConfigError, match=text):
-        driver(**settings)
-
-
 def test_without_fusion_the_mode_of_the_magnetometer_is_a_setting():
     made = driver(mode='amg', magnetometer_mode='high accuracy')
     assert made.assignments()[Bno055.magnetometer_mode] == 'high accuracy'
 
 
 def test_rates_of_the_modes():
-    assert driver().rates_hz == {'temperature': 1.0, 'magnetic_field': 20.0}
     assert driver(**AMG).rates_hz == {'temperature': 1.0, 'magnetic_field': 10.0}
     assert driver(mode='imu').rates_hz == {'temperature': 1.0}
-    made = driver(mode='compass', rate_hz=20.0)
-    assert (made.rate_hz, made.poll_period_s) == (20.0, 0.65 / 20)
+    assert driver(mode='compass', rate_hz=20.0).poll_period_s == 0.65 / 20
 
 
 # --- samples -----------------------------------------------------------------------------
@@ -227,6 +239,14 @@ def test_words_of_a_fused_sample():
     np.testing.assert_allclose(main.orientation, [[0, 0, 0.7071, 0.7071]], atol=1e-4)
     np.testing.assert_allclose(field.magnetic_field, [[20e-6, 0, -40e-6]])
     made._wires[''].finish()
+
+
+@pytest.mark.parametrize('mode', ['amg', 'accgyro', 'gyronly', 'maggyro'])
+def test_without_fusion_the_range_of_the_gyroscope_is_2_to_the_15(mode):
+    made = running(look(turn=(16384, 0, -32768)), mode=mode)
+    found = next(run for run in made.read() if run.angular_velocity is not None)
+    np.testing.assert_allclose(found.angular_velocity, np.radians([[1000, 0, -2000]]))
+    assert made.counters['saturated'] == 1
 
 
 @pytest.mark.parametrize(
@@ -285,7 +305,7 @@ def test_before_the_first_measurement_there_is_none():
 @pytest.mark.parametrize(
     'parts',
     [
-        {'force': (3923, 0, 0)},  # beyond ±4 g
+        {'force': (4500, 0, 0)},  # far beyond ±4 g
         {'force': (0, -32768, 0)},
         {'quaternion': (11585, 0, 0, 12585)},
         {'quaternion': (-1, -1, -1, -1)},
@@ -303,7 +323,15 @@ def test_words_that_no_chip_sends_are_refused(parts):
 
 
 @pytest.mark.parametrize(
-    'parts', [{'force': (3922, 0, 0)}, {'force': (0, -3923, 0)}, {'turn': (0, 32000, 0)}]
+    'parts',
+    [
+        {'force': (3922, 0, 0)},
+        {'force': (0, -3923, 0)},
+        # 4 g are 3924 in Linux; another 2 % of scale error
+        {'force': (3924, 0, 0)},
+        {'force': (0, -4002, 0)},
+        {'turn': (0, 32000, 0)},
+    ],
 )
 def test_full_scale_is_counted_as_saturation(parts):
     made = running(look(quaternion=WEST, **parts))

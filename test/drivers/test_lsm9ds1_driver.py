@@ -144,6 +144,9 @@ def test_polls_are_often_enough(settings, period):
 # --- reading -----------------------------------------------------------------------------
 # gyroscope (1000, 0, -1000), accelerometer (0, 0, 1366): DS table 3 at ±2000 °/s and ±16 g
 SLOT = bytes.fromhex('e803 0000 18fc 0000 0000 5605')
+CONTROL = bytes.fromhex('383820000400')  # CTRL_REG4 to CTRL_REG9
+STOPPED = (('write', 0x2E, b'\x00'), b'')
+FASTEST = [(('read', 0x10, 1), b'\xd8'), (('write', 0x10, b'\xd8'), b'')]  # 952 Hz
 NO_TEMPERATURE = [(('read', 0x17, 1), b'\x03')]
 NO_FIELD = [(('read', 0x27, 7), bytes(7))]
 
@@ -246,8 +249,38 @@ def test_an_impossible_level_is_an_error():
     assert made.counters['bus_errors'] == 1
 
 
-def test_the_first_slots_are_thrown_away_after_turn_on():
-    made = running(*looked(22), *burst(21), *NO_TEMPERATURE)
+def tried(slots, level_after, behind=CONTROL):
+    """What a driver asks to find out how slots are read, and what a chip answers."""
+    return [
+        *(STOPPED, *FASTEST, (('write', 0x2E, b'\x20'), b'')),
+        (('read', 0x2F, 1), b'\x20'),
+        (('read', 0x18, 48), slots),
+        (('read', 0x2F, 1), bytes([level_after])),
+        (('read', 0x1E, 6), behind),
+        *(STOPPED, *FASTEST),
+    ]
+
+
+@pytest.mark.parametrize(
+    ('slots', 'level_after', 'apart'),
+    [
+        (SLOT * 4, 0x1C, False),  # four slots less
+        (SLOT * 4, 0x1F, False),  # the level is read late, or counts otherwise
+        ((SLOT[:6] + CONTROL) * 4, 0x1C, True),  # the address goes on to what lies behind
+        (SLOT * 4, 0x20, True),  # nothing was taken out
+    ],
+)
+def test_slots_are_read_as_the_chip_gives_them(monkeypatch, slots, level_after, apart):
+    made = running(*tried(slots, level_after))
+    monkeypatch.setattr(made.registers, 'difference', lambda values: '')
+    made.configure_parts()
+    assert bool(made.fifo.apart) is apart
+    assert made.counters['slots_apart'] == apart
+
+
+def test_the_first_slots_are_thrown_away_after_turn_on(monkeypatch):
+    made = running(*tried(SLOT * 4, 0x1C), *looked(22), *burst(21), *NO_TEMPERATURE)
+    monkeypatch.setattr(made.registers, 'difference', lambda values: '')
     made.configure_parts()
     assert len(made.read()[0]) == 21 - 18
 
@@ -269,8 +302,8 @@ def field(data, **settings):
 
 
 def test_the_example_of_the_magnetometer():
-    made, (run,) = field(bytes.fromhex('0f f30d 0000 f30d'))
-    np.testing.assert_allclose(run.magnetic_field, [[49.994e-6, 0, 49.994e-6]])
+    made, (run,) = field(bytes.fromhex('0f 5d0d 0000 5d0d'))
+    np.testing.assert_allclose(run.magnetic_field, [[50e-6, 0, 50e-6]])  # 3421 of 6842 LSB/G
     # ready some time between the last look and this one
     assert run.stamps.tolist() == [made.clock.now_ns() - 4_000_000]
 

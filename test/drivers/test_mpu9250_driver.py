@@ -3,7 +3,7 @@
 
 from imu_bench.bus.scripted import ScriptedRegisters
 from imu_bench.drivers.mpu9250 import Mpu9250
-from imu_bench.errors import BusError, ConfigError, NoAnswer
+from imu_bench.errors import BusError, ConfigError, IdentityError, NoAnswer
 from imu_bench.registers import Field, Frame, Register
 from imu_bench.simulation.clock import SimulatedClock
 import numpy as np
@@ -78,11 +78,12 @@ def driver(steps=(), magnetometer=None, **settings):
     buses = {'': ScriptedRegisters(steps)}
     if magnetometer is not None:
         buses['magnetometer'] = ScriptedRegisters(magnetometer)
+        settings['magnetometer_bypass'] = True
     return Mpu9250(buses, SimulatedClock(), settings)
 
 
 def test_defaults_are_the_settings_of_the_thesis():
-    # Shabulinzenze 2020, tables 4.2 and 5.2: 16 g, 1 kHz, 460 Hz
+    # Shabulinzenze 2020, tables 4.2 and 5.2: 16 g, 1 kHz, 460 Hz, which is 420 Hz since rev. 1.6
     made = driver()
     assert made.rate_hz == 1000.0
     assert made.values['accelerometer_range'] == 16.0
@@ -105,7 +106,7 @@ def test_every_divider_of_the_sheet_is_a_rate():
     [
         ('rate_hz', 740.0, '1000, 500, 333.333, .*3.906 Hz; nearest 500 and 1000'),
         ('accelerometer_range', 3.0, '2, 4, 8, 16 g'),
-        ('accelerometer_bandwidth', 218.1, '460, 184, 92'),
+        ('accelerometer_bandwidth', 460.0, '420, 218.1, 99'),
         ('gyroscope_range', 300.0, '250, 500, 1000, 2000 °/s'),
         ('gyroscope_bandwidth', 250.0, '184, 92, 41, 20, 10, 5 Hz'),
         ('magnetometer_rate_hz', 50.0, '0, 8, 100 Hz'),
@@ -132,6 +133,22 @@ def test_a_polled_magnetometer_is_looked_at_more_often_than_it_measures():
     assert driver(magnetometer=()).poll_period_s == pytest.approx(0.007)
     assert driver(magnetometer=()).rates_hz == {'magnetic_field': 100.0}
     assert driver(magnetometer_rate_hz=0.0).rates_hz == {}
+
+
+def test_the_magnetometer_is_behind_the_chips_own_master_unless_told_otherwise():
+    """Two of them on one bus would both answer at 0x0C."""
+    wires = {'': ScriptedRegisters([]), 'magnetometer': ScriptedRegisters([])}
+    behind = Mpu9250(wires, SimulatedClock(), {}).registers
+    assert 'auxiliary 0x0C' in behind.where(Mpu9250.WIA)
+    beside = Mpu9250(wires, SimulatedClock(), {'magnetometer_bypass': True}).registers
+    assert 'auxiliary' not in beside.where(Mpu9250.WIA)
+
+
+def test_an_mpu_6500_will_do_where_no_magnetometer_is_asked_for():
+    who = ('read', 0x75, 1), b'\x70'
+    assert driver([who], magnetometer_rate_hz=0.0).identify() == 'MPU-6500'
+    with pytest.raises(IdentityError, match=r'MPU-6500.*magnetometer_rate_hz: 0.0 does without'):
+        driver([who]).identify()
 
 
 # --- reading -----------------------------------------------------------------------------
@@ -283,7 +300,7 @@ def test_fields_overwritten_while_nobody_looked_are_lost():
 
 
 def test_a_missing_magnetometer_can_be_done_without(monkeypatch):
-    made = driver(magnetometer=[(('read', 0x00, 1), NoAnswer('0x0C: nothing answers'))])
+    made = driver(magnetometer=[(('read', 0x00, 1), NoAnswer('0x0C: nothing answers'))] * 2)
     monkeypatch.setattr(made.registers, 'run', lambda steps: None)
     with pytest.raises(NoAnswer, match=r'magnetometer_rate_hz: 0\.0 does without it'):
         made.configure_parts()

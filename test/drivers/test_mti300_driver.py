@@ -326,13 +326,32 @@ IDENTITY = [
     (message(0x00), message(0x01, b'\x03\x78\x0f\x2c')),
     (message(0x12), message(0x13, bytes([1, 8, 2]) + bytes(8))),
 ]
-CONFIGURATION = [
-    *IDENTITY,
-    (message(0x64, b'\x00\x29'), message(0x65)),
-    (message(0x64), message(0x65, b'\x00\x29')),
-    (message(0xC0, OUTPUTS), message(0xC1, OUTPUTS)),
-    (message(0xC0), message(0xC1, OUTPUTS)),
-]
+
+
+def configuration(profile):
+    return [
+        *IDENTITY,
+        (message(0x64, bytes([0, profile])), message(0x65)),
+        (message(0x64), message(0x65, bytes([0, profile]))),
+        (message(0xC0, OUTPUTS), message(0xC1, OUTPUTS)),
+        (message(0xC0), message(0xC1, OUTPUTS)),
+    ]
+
+
+CONFIGURATION = configuration(0x29)
+# what an MTi-300-2A5G4 says it has: Scottapotamas/xsens-mti, docs/mtmanager_packets.md,
+# fad230124c5f5eee227f3da646afbed8abfd5b10, answer 0x63
+PROFILES = {
+    'general': 0x27, 'high_mag_dep': 0x28, 'dynamic': 0x29, 'low_mag_dep': 0x2A,
+    'vru_general': 0x2B,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('profile', PROFILES)
+def test_the_profile_is_one_that_a_device_has_recorded_as_its_own(profile):
+    made = driver(steps=configuration(PROFILES[profile]), filter_profile=profile)
+    made.configure()
+    made._wires[''].finish()
 
 
 def test_configure_asks_sets_and_compares():

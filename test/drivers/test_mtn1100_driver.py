@@ -20,7 +20,7 @@ class Board:
 
     def __init__(self, fed=False, rate=1024.0, synchronous_after=2):
         self.fed, self.rate, self.waits = fed, rate, synchronous_after
-        self.calls, self.scans = [], []
+        self.calls, self.scans, self.waited = [], [], []
 
     def identity(self):
         return 'MCC 172, serial number 1, firmware 1'
@@ -42,7 +42,8 @@ class Board:
     def start(self, channel):
         self.calls.append(('start', channel))
 
-    def scan(self):
+    def scan(self, wait_s):
+        self.waited.append(wait_s)
         return self.scans.pop(0)
 
     def stop(self):
@@ -152,6 +153,18 @@ def test_what_the_board_does_not_take_is_noticed(board, settings, error, text):
         on_board(board, **settings).configure()
 
 
+def test_a_block_is_waited_for_when_it_is_due():
+    board = Board(fed=True)
+    made = on_board(board)
+    made.configure()
+    made.start()
+    board.scans = [Scan(np.zeros(n)) for n in (0, 0, 102, 0, 0)]
+    for after_s in (0.05, 0.03, 0.0, 0.05, 0.03):
+        made.clock.sleep(after_s)
+        made.read()
+    assert board.waited == [0.0, 0.025, 0.025, 0.0, 0.025]
+
+
 def test_codes_become_acceleration_along_z():
     board = Board(fed=True)
     made = on_board(board, sensitivity=50.0)
@@ -203,7 +216,7 @@ def test_errors_of_the_board_are_counted(monkeypatch):
     made = on_board(board)
     made.configure()
 
-    def fail():
+    def fail(*arguments):
         raise NoAnswer('gone')
 
     monkeypatch.setattr(board, 'scan', fail)

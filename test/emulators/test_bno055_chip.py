@@ -53,7 +53,6 @@ def test_values_after_reset(chip):
     assert bus.read(0x41, 2).hex() == '2400'
     bus.write(0x07, b'\x01')
     assert bus.read(0x07, 5).hex() == '010d0b3800'
-    assert bus.read(0x11, 15).hex() == '14030fc00a0b00011901190119040a'
 
 
 def test_the_page_register_is_on_both_pages_and_a_burst_stays_on_its_page(chip):
@@ -72,7 +71,8 @@ def test_nothing_answers_before_it_has_started_and_while_it_resets(chip, clock):
         bus.read(0x00, 1)
     clock.sleep(0.02)
     mode(bus, clock, 0x0C)
-    bus.write(0x3F, b'\x20')
+    with pytest.raises(NoAnswer):  # it resets before it acknowledges: Adafruit catches that
+        bus.write(0x3F, b'\x20')
     clock.sleep(0.6)
     with pytest.raises(NoAnswer):
         bus.read(0x00, 1)
@@ -91,7 +91,9 @@ def test_bytes_take_their_time(chip, clock):
     bus = chip()
     before = clock.now_ns()
     bus.read(0x08, 18)
-    assert clock.now_ns() - before == pytest.approx((9 * (3 + 18) + 3) / 400e3 * 1e9)
+    # 180 µs after each byte, on a scope: Bosch community, minimum I2C communication interval
+    on_the_wire = (9 * (3 + 18) + 3) / 400e3
+    assert clock.now_ns() - before == pytest.approx((on_the_wire + 18 * 180e-6) * 1e9)
 
 
 # --- modes -------------------------------------------------------------------------------
@@ -179,7 +181,7 @@ def test_words_in_amg_mode(chip, clock):
         temperature=-7.0,
     )
     mode(bus, clock, 0x07, wait=0.2)
-    assert words(bus, 0x08, 9) == (100, -200, 981, 720, 0, -320, 160, 0, -1600)
+    assert words(bus, 0x08, 9) == (100, -200, 981, 720, 0, -320, 164, 0, -1638)  # 2000/2^15 °/s
     assert bus.read(0x34, 1) == b'\xf9'
 
 
@@ -188,7 +190,7 @@ def test_other_units(chip, clock):
     bus.write(0x3B, bytes([0x80 | 0x01 | 0x02 | 0x10]))  # mg, rad/s, °F
     mode(bus, clock, 0x05, wait=0.1)
     assert words(bus, 0x08, 3) == (0, 500, 1000)
-    assert words(bus, 0x14, 3) == (900, 0, -450)
+    assert words(bus, 0x14, 3) == (939, 0, -469)  # without fusion always 2000/2^15 °/s
     assert bus.read(0x34, 1)[0] * 2 == pytest.approx(25 * 1.8 + 32, abs=1)
 
 
@@ -198,15 +200,26 @@ def test_acceleration_saturates_at_its_range(chip, clock, code, g):
     page_1(bus, 0x08, bytes([0x0C | code]))
     mode(bus, clock, 0x07)
     high, low, inside = words(bus, 0x08, 3)
-    assert high == pytest.approx(g * G * 100, abs=2)
-    assert low == pytest.approx(-g * G * 100, abs=1)
+    # Linux: 1962, 3924, 7848, 15696
+    assert (high, low) == (981 * g, -981 * g)
     assert inside == round(0.9 * g * G * 100)
 
 
 def test_angular_velocity_saturates(chip, clock):
     bus = chip(angular_velocity=(math.radians(2500), math.radians(-2500), 0.0))
     mode(bus, clock, 0x07)
-    assert words(bus, 0x14, 2) == (32000, -32000)
+    assert words(bus, 0x14, 2) == (32767, -32768)
+
+
+def test_with_fusion_angular_velocity_has_the_units_of_the_document(chip, clock):
+    bus = chip(angular_velocity=(1.0, math.radians(-2500), math.radians(10)))
+    bus.write(0x3B, b'\x80')
+    mode(bus, clock, 0x08, wait=0.1)
+    assert words(bus, 0x14, 3) == (917, -32000, 160)
+    mode(bus, clock, 0x00)
+    bus.write(0x3B, b'\x82')
+    mode(bus, clock, 0x08, wait=0.1)
+    assert words(bus, 0x14, 1) == (900,)
 
 
 def test_the_field_has_a_rate_of_its_own(chip, clock, make_source):

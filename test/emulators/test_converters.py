@@ -181,6 +181,8 @@ def test_mcc172_clips_at_five_volts(wire, clock):
     assert set(board.scan().codes) == {2**23 - 1}
     source.values['acceleration'] = (0.0, 0.0, -60.0 * G)
     clock.sleep(0.2)
+    board.scan()
+    clock.sleep(0.2)
     assert set(board.scan().codes) == {-(2**23)}
 
 
@@ -223,10 +225,25 @@ def test_mcc172_rates(wire, clock, asked, rate):
 def test_mcc172_samples_come_when_they_have_passed_the_filter(wire, clock):
     board, _ = wire('daqhat')
     scanning(board, clock)
-    clock.sleep(39 / 1024)
-    assert len(board.scan().codes) == 0
-    clock.sleep(1.0)
-    assert len(board.scan().codes) == pytest.approx(1024, abs=1)
+    before = clock.now_ns()
+    codes = [board.scan(1.0).codes for _ in range(10)]
+    # the tenth block came with a look of the library's thread
+    since = (clock.now_ns() - before) * 1e-9
+    assert since == pytest.approx(round(since / 0.0256) * 0.0256)
+    assert sum(map(len, codes)) == int((since - 4.5e-6) * 1024 - 39)
+
+
+def test_mcc172_gives_blocks_of_a_tenth_of_a_second(wire, clock):
+    board, _ = wire('daqhat')
+    scanning(board, clock)
+    lengths = []
+    for _ in range(1000):
+        clock.sleep(0.001)
+        lengths.append(len(board.scan().codes))
+    blocks = [n for n in lengths if n]
+    # 102 samples are a block; they are found by looks every 25.6 ms
+    assert set(blocks[1:]) <= set(range(102, 102 + 27))
+    assert len(blocks) in (7, 8, 9)
 
 
 def test_mcc172_overruns(wire, clock):

@@ -243,7 +243,8 @@ def test_the_time_begins_anew_after_a_day_and_the_counter_after_65536(measuring)
     made = measuring()
     device = made.line.chip
     made.hear(0.1)
-    device._made, device._counter = 864_000_000 // 25 - 3, 65534
+    device._source.rewind()
+    device._sent.state = 864_000_000 // 25 - 3, 65534
     found = [packets(data) for _, data in frames(made.hear(0.1))]
     ticks = [int.from_bytes(one[0x1060], 'big') for one in found]
     counters = [int.from_bytes(one[0x1020], 'big') for one in found]

@@ -7,6 +7,7 @@ import pytest
 
 KINDS = ('daqhat', 'i2c', 'frame')
 RATES = {'daqhat': 51200 / 51, 'i2c': 500.0, 'frame': 1000.0}
+SLOW = {'daqhat': {}, 'i2c': {'rate_hz': 128.0}, 'frame': {'rate_hz': 200.0}}
 # 2.5 m/s² in steps of the converters, half of one off at most
 HALF_LSB = {'daqhat': 3e-5, 'i2c': 3.1e-3, 'frame': 4e-2}
 
@@ -21,8 +22,11 @@ def assert_only_true_samples(made):
 def bench(acquired, make_source):
     def make(kind, rate_error=0.0, **settings):
         source = make_source(acceleration=(1.0, 2.0, 2.5), rate_error=rate_error)
-        # two of the seconds let the sensor settle
-        return acquired('mtn1100', kind, source=source, **settings).run(4.0)
+        # two of the seconds let the sensor settle; blocks of a tenth of a second take longer
+        # until their times are known
+        return acquired('mtn1100', kind, source=source, **settings).run(
+            4.0 if kind == 'daqhat' else 2.5
+        )
 
     return make
 
@@ -31,8 +35,8 @@ def bench(acquired, make_source):
 def test_every_sample_arrives_once_with_its_time(bench, kind):
     made = bench(kind, rate_error=40e-6 if kind == 'daqhat' else 0.0)
     before = made.stats.samples
-    made.run(5.0)
-    assert made.stats.samples - before == pytest.approx(5 * RATES[kind], abs=60)
+    made.run(3.0)
+    assert made.stats.samples - before == pytest.approx(3 * RATES[kind], abs=60)
     assert made.stats.lost == 0
     assert not made.errors
     assert not +made.driver.counters
@@ -52,7 +56,8 @@ def test_every_sample_arrives_once_with_its_time(bench, kind):
     ],
 )
 def test_a_wire_that_fails_is_named_counted_and_recovers(bench, kind, fault, error):
-    made = bench(kind)
+    made = bench(kind, **SLOW[kind])
+    rate_hz = made.driver.rate_hz
     made.bus.inject(fault, 0.5)
     made.run(0.6)
     assert made.errors == {error}
@@ -61,10 +66,11 @@ def test_a_wire_that_fails_is_named_counted_and_recovers(bench, kind, fault, err
     made.run(4.0)
     assert made.acquisition.error is None
     assert made.stats.recoveries >= 1
-    assert made.stats.lost > 0.4 * RATES[kind]
+    assert made.stats.lost > 0.4 * rate_hz
     before, lost = made.stats.samples, made.stats.lost
     made.run(1.0)
-    assert made.stats.samples - before == pytest.approx(RATES[kind], abs=60)
+    # the MCC 172 hands over blocks of a tenth of a second
+    assert made.stats.samples - before == pytest.approx(rate_hz, rel=0.11)
     assert made.stats.lost == lost
     assert_only_true_samples(made)
 

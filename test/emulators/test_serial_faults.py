@@ -21,6 +21,11 @@ import pytest
 SLOPE = 2.0  # m/s² per second
 SPAN_S = 36.0  # from -36 to 36 m/s²
 CASES = [('mti300', 'serial'), ('bno055', 'serial'), ('bno055', 'i2c')]
+STRETCHED = {('bno055', 'i2c'): 0.05}
+"""
+Share of its samples that a chip may lose because it stretches the clock: a reading of the BNO055
+then takes almost as long as it takes to make the next sample.
+"""
 every_line = pytest.mark.parametrize(('name', 'kind'), CASES)
 
 
@@ -33,6 +38,10 @@ def growing(source):
     source.origin_ns = source.anchor_ns
 
     class Growing(type(source)):
+        def samples_ahead(self, t_ns):
+            # what costs by the call is paid for many samples at once, as with a simulated sensor
+            return self.samples_until(t_ns + round(64 * self.period_ns))
+
         def samples_until(self, t_ns):
             made = super().samples_until(t_ns)
             force = made.acceleration.copy()
@@ -81,7 +90,12 @@ def bench(starting):
     return make
 
 
-LATENCY_S = {'mti300': (0.0, 0.0015), 'bno055': (0.002, 0.0045)}
+LATENCY_S = {'mti300': (0.0, 0.0015), 'bno055': (0.002, 0.0065)}
+"""
+Delay of the filters, and how far from it a stamp may be, s: with the clock of I²C stretched a look
+at the BNO055 takes some 7 ms.  Its first samples are dated by the middle of a look, and stamps are
+3.9 ms early to 6.5 ms late: a period, and what nobody knows of when the chip latches its words.
+"""
 
 
 def only_true_samples(made):
@@ -95,11 +109,12 @@ def test_stamps_have_the_period_of_the_device(bench, name, kind, rate_error):
     made = bench(name, kind, rate_error)
     made.run(16.0)
     stats = made.stats
-    assert stats.lost == 0
+    assert stats.lost <= STRETCHED.get((name, kind), 0.0) * stats.samples
     assert not made.errors
     true_hz = made.driver.rate_hz * (1 + rate_error)
     assert stats.rate.value == pytest.approx(true_hz, rel=2e-4)
     intervals = np.diff(made.stamps[made.stamps > made.stamps[0] + 10 * 10**9])
+    intervals = intervals[intervals < 1.5e9 / true_hz]
     assert np.abs(intervals - 1e9 / true_hz).max() < 20e3
     only_true_samples(made)
 
@@ -176,7 +191,8 @@ def test_a_brown_out_is_found_and_the_device_configured_again(bench, name, kind)
     assert gap < 2.0
     assert made.stamps[-1] > begin + 2 * 10**9
     only_true_samples(made)
-    assert made.stats.lost == pytest.approx(gap * made.driver.rate_hz, abs=2)
+    slack = 2 + STRETCHED.get((name, kind), 0.0) * made.stats.samples
+    assert made.stats.lost == pytest.approx(gap * made.driver.rate_hz, abs=slack)
 
 
 @pytest.mark.parametrize('fault', ['dropped_byte', 'half_frame', 'bit_error'])
@@ -234,8 +250,9 @@ def test_an_overrun_of_the_bno055_is_asked_for_again_and_costs_nothing(bench):
 
 def test_frames_that_the_mti300_did_not_send_are_counted_by_its_counter(bench):
     made = bench('mti300')
-    made.chip._counter += 7  # as when its line was too slow for seven frames
-    made.chip._made += 7
+    made.chip._source.rewind()
+    made.chip._sent.frames += 7  # as when its line was too slow for seven frames
+    made.chip._sent.made += 7
     made.run(0.5)
     assert made.driver.counters['lost_frames'] == 7
     assert made.stats.lost == 7

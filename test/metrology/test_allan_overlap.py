@@ -6,6 +6,7 @@ import tracemalloc
 from imu_bench.errors import DataError
 from imu_bench.metrology import allan, blockwise
 from imu_bench.metrology.deviations import allan_kernels, integral
+from imu_bench.metrology.stretches import stretches
 import numpy as np
 import pytest
 
@@ -109,7 +110,7 @@ def test_curve_from_sums_is_the_batch_curve(noise):
     rate = 100.0
     batch = allan.deviation(data, rate, valid=valid, overlap='full', unit='m/s²')
     phase = integral.cumulate(data - 3.0, valid) / rate + 77.0
-    runs = allan_kernels.complete_runs(valid) + np.array([0, 1])
+    runs = stretches(valid) + np.array([0, 1])
     sums, terms = allan_kernels.second_difference_sums(phase, batch.m, runs)
     curve = allan.curve_from_sums(
         batch.m, sums, terms, 1.0 / rate, 3990, 4000, 'm/s²', 0.95, batch.alpha, runs,

@@ -43,9 +43,9 @@ def test_missing_samples_stand_still():
     np.testing.assert_allclose(steps[valid], rate[valid] - rate[valid].mean(), atol=1e-12)
 
 
-def test_a_desk_lends_each_array_to_one_at_a_time():
-    desk = blockwise.Desk(3)
-    with desk.taken() as one, desk.taken() as two:
+def test_a_work_array_is_given_to_one_at_a_time():
+    arrays = blockwise.WorkArrays(3)
+    with arrays.taken() as one, arrays.taken() as two:
         assert one is not two
-    with desk.taken() as again:
+    with arrays.taken() as again:
         assert again is one or again is two

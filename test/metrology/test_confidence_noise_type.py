@@ -2,7 +2,7 @@
 """Is the noise at each averaging time named rightly, and where it cannot be, safely?"""
 
 from imu_bench.metrology.deviations import noise_type
-from imu_bench.metrology.deviations.allan_kernels import complete_runs
+from imu_bench.metrology.stretches import stretches
 import numpy as np
 import pytest
 
@@ -106,7 +106,7 @@ def test_across_gaps(alpha):
         valid[start : start + 3000] = False
     rate[~valid] = 1e6
     phase = np.concatenate(([0.0], np.cumsum(np.where(valid, rate, 0.0))))
-    runs = complete_runs(valid) + np.array([0, 1])
+    runs = stretches(valid) + np.array([0, 1])
     assert noise_type.identify(phase, TAUS[:-1], runs).tolist() == [alpha] * (TAUS.size - 1)
 
 
@@ -127,3 +127,25 @@ def test_the_paper_s_conversion_is_kept_without_averaging():
     # the paper's formula puts it at alpha = -1.45, next to the boundary to random walk
     delta = flicker / (1 + flicker)
     assert -2.0 * (delta + 1) == pytest.approx(-1.446, abs=1e-3)
+
+
+@pytest.mark.parametrize('place', [0, 50_000, 99_999])
+def test_one_bad_sample_does_not_turn_white_noise_into_a_walk(place):
+    rate = np.random.default_rng(11).normal(size=100_000)
+    rate[place] = 1e4
+    found = noise_type.identify(phase_of(rate), 2 ** np.arange(9))
+    assert found.tolist() == [0] * 9
+
+
+def test_where_the_deviation_has_flattened_it_is_no_longer_phase_noise():
+    """White phase noise over a walk of the phase, as of a clock seen through a satellite."""
+    late = []
+    for seed in range(20):
+        rng = np.random.default_rng([12, seed])
+        phase = 10.0 * rng.normal(size=20_000) + np.cumsum(rng.normal(size=20_000))
+        m = np.array([4, 16, 2000, 4000])  # the two are equal at m = 300
+        found = noise_type.identify(phase, m)
+        assert found[0] > 0 and found[1] > 0
+        late.append(found[2:] > 0)
+    # ten averages leave it to chance now and then
+    assert np.mean(late) <= 0.2

@@ -34,3 +34,14 @@ def test_without_the_process_the_white_noise_would_be_wrong():
         assert any('Gauss-Markov' in flag for flag in model.flags)
         errors.append(coefficients.fit(curve(x)).N.value / model.N.value - 1.0)
     assert max(map(abs, errors)) > 0.02
+
+
+@pytest.mark.parametrize('walk', [0.0, 2e-5])
+def test_the_coefficients_asked_for_do_not_depend_on_the_others(walk):
+    rng = np.random.default_rng(3)
+    x = rng.normal(0.0, 1e-3, 50_000) + np.cumsum(rng.normal(0.0, walk, 50_000))
+    every, some = fitted(curve(x), 0.95), fitted(curve(x), 0.95, 'NB')
+    assert (some.N, some.B, some.fitted, some.flags) == (
+        every.N, every.B, every.fitted, every.flags,
+    )  # fmt: skip
+    assert [some.Q.reason, some.K.reason, some.R.reason] == ['not asked for'] * 3

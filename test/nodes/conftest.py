@@ -6,35 +6,29 @@ import os
 import subprocess
 import sys
 import time
-import warnings
 
 import pytest
 
-with warnings.catch_warnings():
-    # the first serialisation of rclpy imports a parser that uses a deprecated module
-    warnings.simplefilter('ignore', DeprecationWarning)
-    import rosidl_generator_py  # noqa: F401, imported for its warning
-
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
-
-PATIENCE_S = 30.0
+PATIENCE_S = 300.0
 """Nothing waits this long on a healthy machine; it ends a test that would hang."""
 
 
 class Ros:
-    """A context with its nodes."""
+    """A context with its nodes; ROS 2 is imported when a test asks for it."""
 
     def __init__(self):
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+
         self.context = Context()
         self.context.init(args=[])
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes = []
 
-    def add(self, make: Callable[..., Node], *args, parameters=None, **options):
+    def add(self, make, *args, parameters=None, **options):
         """Make a node with parameters as a user would give them, and spin it from now on."""
+        from rclpy.parameter import Parameter
+
         overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
         node = make(*args, context=self.context, parameter_overrides=overrides, **options)
         self.nodes.append(node)
@@ -74,6 +68,29 @@ def ros():
     made = Ros()
     yield made
     made.close()
+
+
+@pytest.fixture
+def elsewhere(ros):
+    """Another process, as far as the middleware can tell."""
+    made = type(ros)()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def said(ros):
+    """Return what is said on /diagnostics, by name of the status."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.node import Node
+
+    found = {}
+
+    def listen(message):
+        found.update({status.name: status for status in message.status})
+
+    ros.add(Node, 'listener').create_subscription(DiagnosticArray, '/diagnostics', listen, 100)
+    return found
 
 
 class Process:

@@ -12,15 +12,6 @@ import os
 import sys
 import time
 
-# before the library reads it: only the loopback interface, as ROS is told to as well
-os.environ['CYCLONEDDS_URI'] = (
-    '<CycloneDDS><Domain><General>'
-    '<Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>'
-    '<AllowMulticast>spdp</AllowMulticast></General>'
-    '<Discovery><Peers><Peer address="127.0.0.1"/></Peers></Discovery>'
-    '</Domain></CycloneDDS>'
-)
-
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
@@ -29,7 +20,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-PATIENCE_S = 30.0
+PATIENCE_S = 300.0
 
 
 @dataclass

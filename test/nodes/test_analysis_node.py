@@ -7,17 +7,18 @@ from imu_bench.errors import ConfigError
 from imu_bench.nodes import qos
 from imu_bench.nodes.analysis import AnalysisNode, SETTINGS
 from imu_bench.nodes.sensor import SensorNode
-from imu_bench.offline.analyse import analyse, Settings
+from imu_bench.offline.analysis.recording import analyse, Settings
 from imu_bench.offline.recordings import Recording
 from imu_bench.samples import Samples
-from msg_conversions import covariance, reading
+from msg_conversions import blocks, cdr, covariance, reading
 from msg_conversions.templates import ImuTemplate
 import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import Imu, MagneticField
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, UInt8MultiArray
+from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.ros
 
@@ -43,10 +44,11 @@ def noise(n, seed=1, rate_hz=RATE_HZ, missing=()):
 class Sensor:
     """A publisher of samples that exist already."""
 
-    def __init__(self, ros, name='left', suffix='imu/data_raw', message=Imu):
+    def __init__(self, ros, name='left', suffix='imu/data_raw', message=Imu, topic=''):
         self._ros = ros
-        self.topic = f'/bench/{name}/{suffix}'
-        node = ros.add(Node, f'publisher_{len(ros.nodes)}')
+        self.topic = topic or f'/bench/{name}/{suffix}'
+        self.publisher_node = f'publisher_{len(ros.nodes)}'
+        node = ros.add(Node, self.publisher_node)
         self.publisher = node.create_publisher(
             message, self.topic, qos.keep_last(100_000, 'reliable')
         )
@@ -73,13 +75,13 @@ class Sensor:
 class Listener:
     """Everything the analysis node says of one sensor."""
 
-    def __init__(self, ros, name='left'):
+    def __init__(self, ros, name='left', base=''):
         self.node = ros.add(Node, f'listener_{len(ros.nodes)}')
         self.allan = []
         self.vectors = {(m, q): [] for m in METRICS for q in QUANTITIES}
         self.status = []
         self.load = []
-        base = f'/bench/{name}/imu'
+        base = base or f'/bench/{name}/imu'
         self.node.create_subscription(
             Float64MultiArray, f'{base}/allan_deviation', self.allan.append, 100
         )
@@ -151,7 +153,7 @@ def test_metrics_equal_the_offline_tool_on_the_same_window(ros, missing):
     sensor = Sensor(ros)
     ros.add(
         AnalysisNode,
-        parameters={'window_s': 15.0, 'publish_rate_hz': 5.0, 'reliability': 'reliable'},
+        parameters={'window_s': 15.0, 'publish_rate_hz': 5.0},
     )
     sensor.wait().publish(samples)
     end = int(samples.stamps[-1])
@@ -165,10 +167,12 @@ def test_metrics_equal_the_offline_tool_on_the_same_window(ros, missing):
 
 @pytest.mark.slow
 def test_every_window_of_a_running_sensor_equals_the_offline_tool(ros):
-    imu = []
     listener = Listener(ros)
-    listener.node.create_subscription(
-        Imu, '/bench/left/imu/data_raw', imu.append, qos.keep_last(100_000, 'reliable')
+    # of a node that nobody spins
+    witness = Node('witness', context=ros.context)
+    ros.nodes.append(witness)
+    kept = witness.create_subscription(
+        Imu, '/bench/left/imu/data_raw', print, qos.keep_last(qos.MOST, 'reliable'), raw=True
     )
     ros.add(AnalysisNode, parameters={'window_s': 3.0, 'publish_rate_hz': 5.0})
     parameters = {
@@ -179,10 +183,21 @@ def test_every_window_of_a_running_sensor_equals_the_offline_tool(ros):
         'simulation.angular_velocity.noise_density': '0.01 °/s/√Hz',
     }
     ros.add(SensorNode, 'left', parameters=parameters)
-    ros.spin_until(lambda: len(listener.allan) >= 8, 'eight windows')
+    messages = []
+
+    def take(happened):  # as it comes: the middleware holds a limited number
+        with kept.handle:
+            taken = iter(lambda: kept.handle.take_message(Imu, True), None)
+            messages.extend(data for data, _ in taken)
+        return happened()
+
+    ros.spin_until(lambda: take(lambda: len(listener.allan) >= 8), 'eight windows')
     ends = [reading.allan_from_message(message).end_ns for message in listener.allan[:8]]
-    ros.spin_until(lambda: listener.of_window(ends[-1]), 'all topics of the last window')
-    block = reading.imu(imu)
+    ros.spin_until(
+        lambda: take(lambda: listener.of_window(ends[-1])), 'all topics of the last window'
+    )
+    block = cdr.decode_imu(messages)
+    assert block.stamps[-1] >= max(ends)
     samples = Samples(block.stamps, block.acceleration, block.angular_velocity)
     for end in sorted(set(ends)):
         assert_equal_to_offline(samples, *listener.of_window(end))
@@ -228,8 +243,7 @@ def test_broken_messages_and_numbers_are_counted_and_left_out(ros):
     holes[400, 2] = np.inf
     listener = Listener(ros)
     sensor = Sensor(ros)
-    parameters = {'publish_rate_hz': 5.0, 'reliability': 'reliable'}
-    node = ros.add(AnalysisNode, parameters=parameters)
+    node = ros.add(AnalysisNode, parameters={'publish_rate_hz': 5.0})
     sensor.wait()
     sensor.publisher.publish(b'\x00\x01\x00\x00 this is no Imu')
     sensor.publish(Samples(samples.stamps, holes, samples.angular_velocity))
@@ -262,23 +276,92 @@ def test_it_finds_imu_topics_by_name_and_type(ros):
 def test_it_takes_a_list_and_no_more(ros):
     listed = Sensor(ros, 'left', 'imu/data')
     Sensor(ros, 'right')
-    parameters = {'topics': [listed.topic], 'publish_rate_hz': 5.0, 'reliability': 'reliable'}
+    parameters = {'topics': [listed.topic], 'publish_rate_hz': 5.0}
+    listener = Listener(ros, base=listed.topic)
     node = ros.add(AnalysisNode, parameters=parameters)
     listed.wait().publish(noise(500))
-    listener = Listener(ros)
     ros.spin_until(lambda: listener.load)
     assert list(node.watches) == [listed.topic]
-    ros.spin_until(lambda: listener.allan, 'metrics beside the data')
+    ros.spin_until(lambda: listener.allan, 'metrics below the topic')
 
 
-def test_subscriptions_are_best_effort_unless_told_otherwise(ros):
+def test_foreign_topics_are_found_by_type_and_have_metrics_of_their_own(ros):
+    topics = ['/imu0', '/imu1', '/robot/imu/data_raw', '/other/imu/data']
+    sensors = [Sensor(ros, topic=topic) for topic in topics]
+    Sensor(ros, topic='/robot/imu/data')
+    bases = ['/imu0', '/imu1', '/robot/imu', '/other/imu/data']
+    listeners = [Listener(ros, topic, base) for topic, base in zip(topics, bases, strict=True)]
+    node = ros.add(AnalysisNode, parameters={'publish_rate_hz': 5.0})
+    for scale, sensor in enumerate(sensors, 1):
+        samples = noise(600, seed=scale)
+        sensor.wait().publish(
+            Samples(samples.stamps, angular_velocity=scale * samples.angular_velocity)
+        )
+    for scale, listener in enumerate(listeners, 1):
+        received = listener.vectors['rms', 'angular_velocity']
+        ros.spin_until(lambda received=received: received)
+        assert received[-1].vector.x == pytest.approx(scale * 0.001, rel=0.1)
+        ros.spin_until(lambda listener=listener: listener.status, 'diagnostics of its own')
+    assert sorted(node.watches) == sorted(topics)
+
+
+def test_topics_can_be_restricted_by_patterns(ros):
+    wanted = Sensor(ros, topic='/robot/left/imu')
+    Sensor(ros, topic='/robot/right/imu')
+    Sensor(ros, 'left')
+    node = ros.add(AnalysisNode, parameters={'topics': ['/robot/l*']})
+    wanted.wait()
+    listener = Listener(ros)
+    ros.spin_until(lambda: listener.load)
+    assert list(node.watches) == [wanted.topic]
+
+
+def test_what_falls_silent_is_not_published_any_more_and_a_reset_empties_the_window(ros):
+    listener, sensor = Listener(ros), Sensor(ros)
+    node = ros.add(AnalysisNode, parameters={'publish_rate_hz': 5.0})
+    samples = noise(1000)
+    sensor.wait().publish(samples[:700])
+    ros.spin_until(lambda: listener.of_window(int(samples.stamps[699])))
+    listener.status.clear()
+    ros.spin_until(lambda: [s for s in listener.status if s.level == DiagnosticStatus.STALE])
+    ends = [reading.allan_from_message(message).end_ns for message in listener.allan]
+    assert ends.count(int(samples.stamps[699])) == 1
+    client = ros.add(Node, 'asks').create_client(Trigger, '/analysis_node/reset')
+    answer = ros.call(client, Trigger.Request())
+    assert (answer.success, answer.message) == (True, '1 windows begin anew')
+    ros.spin_until(lambda: node.watches[sensor.topic].result is None)
+    sensor.publish(samples[700:])
+    curves, _ = ros.spin_until(lambda: listener.of_window(int(samples.stamps[999])))
+    assert curves.start_ns == samples.stamps[700]
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'says'),
+    [
+        (lambda stamps: 0 * stamps, '600 stamps of zero'),
+        (lambda stamps: stamps + 3_600_000_000_000 * (np.arange(600) > 400), '1 jumps'),
+        (lambda stamps: stamps - 3_600_000_000_000 * (np.arange(600) > 400), '1 jumps'),
+    ],
+)
+def test_stamps_that_are_not_set_or_jump_are_told(ros, wrong, says):
+    listener, sensor = Listener(ros), Sensor(ros)
+    ros.add(AnalysisNode)
+    samples = noise(600)
+    sensor.wait().publish(
+        Samples(wrong(samples.stamps), samples.acceleration, samples.angular_velocity)
+    )
+    status = ros.spin_until(
+        lambda: [s for s in listener.status if says in s.message], 'a word about the stamps'
+    )[0]
+    assert status.level == DiagnosticStatus.WARN
+
+
+def test_subscriptions_ask_for_all_there_is_unless_told_otherwise(ros):
     sensors = [Sensor(ros, name) for name in ('left', 'right')]
+    override = f'qos_overrides.{sensors[1].topic}.subscription'
     node = ros.add(
         AnalysisNode,
-        parameters={
-            'depth': 70,
-            f'qos_overrides.{sensors[1].topic}.subscription.reliability': 'reliable',
-        },
+        parameters={f'{override}.reliability': 'best_effort', f'{override}.depth': 70},
     )
     for sensor in sensors:
         sensor.wait()
@@ -286,15 +369,15 @@ def test_subscriptions_are_best_effort_unless_told_otherwise(ros):
         node.get_subscriptions_info_by_topic(sensor.topic)[0].qos_profile.reliability
         for sensor in sensors
     ]
-    assert found == [ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE]
+    assert found == [ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT]
     depths = {s.topic: s.qos_profile.depth for s in node.subscriptions if 'bench' in s.topic}
-    assert set(depths.values()) == {70}
+    assert depths == {sensors[0].topic: qos.MOST, sensors[1].topic: 70}
 
 
 @pytest.mark.slow
 def test_diagnostics_tell_how_much_and_how_hard(ros):
     listener = Listener(ros)
-    ros.add(AnalysisNode, parameters={'window_s': 10.0, 'reliability': 'reliable'})
+    ros.add(AnalysisNode, parameters={'window_s': 10.0})
     nothing = ros.spin_until(lambda: listener.load)[0]
     assert nothing.level == DiagnosticStatus.WARN
     assert nothing.message == 'no Imu topic found yet'
@@ -318,16 +401,17 @@ def test_diagnostics_tell_how_much_and_how_hard(ros):
     ros.spin_until(lambda: listener.status[-1].level == DiagnosticStatus.STALE, 'silence')
 
 
-def test_two_publishers_on_one_topic_are_a_warning(ros):
+def test_two_publishers_on_one_topic_are_an_error(ros):
     listener = Listener(ros)
     first, second = Sensor(ros), Sensor(ros)
     ros.add(AnalysisNode)
     first.wait().publish(noise(10))
     second.wait()
     status = ros.spin_until(
-        lambda: [s for s in listener.status if s.level == DiagnosticStatus.WARN], 'a warning'
+        lambda: [s for s in listener.status if s.level == DiagnosticStatus.ERROR], 'an error'
     )[0]
-    assert 'several publishers' in status.message
+    names = [f'/{each.publisher_node}' for each in (first, second)]
+    assert status.message == f'several publish {first.topic}: {", ".join(names)}'
 
 
 def test_every_parameter_is_described(ros):
@@ -337,7 +421,6 @@ def test_every_parameter_is_described(ros):
         assert described.description
         assert described.read_only
     assert node.describe_parameter('window_s').floating_point_range[0].from_value == 1.0
-    assert node.describe_parameter('reliability').additional_constraints == 'reliable, best_effort'
     assert node.get_parameter('topics').value == []
 
 
@@ -347,7 +430,6 @@ def test_every_parameter_is_described(ros):
         ({'window_s': 0.0}, 'parameters.window_s: 0 is not allowed; allowed: 1 to 86400 s'),
         ({'window': 60.0}, "parameters.window: unknown; did you mean 'window_s'?"),
         ({'confidence': 95}, 'parameters.confidence: 95 is no number with a decimal point'),
-        ({'reliability': 'maybe'}, 'allowed: reliable, best_effort'),
         ({'publish_rate_hz': 100.0}, 'allowed: 0.01 to 5 Hz'),
         ({'topics': 'imu'}, "parameters.topics: 'imu' is not a list of texts"),
     ],
@@ -356,3 +438,31 @@ def test_a_wrong_parameter_is_refused_with_what_is_allowed(ros, wrong, says):
     with pytest.raises(ConfigError) as caught:
         ros.add(AnalysisNode, parameters=wrong)
     assert says in str(caught.value)
+
+
+def test_a_sensor_of_the_bench_is_heard_in_blocks(ros):
+    samples = noise(600)
+    listener, sensor = Listener(ros), Sensor(ros)
+    carrier = ros.add(Node, 'carrier', namespace='/bench/left')
+    publisher = carrier.create_publisher(UInt8MultiArray, blocks.TOPIC, 1000)
+    ros.add(AnalysisNode, parameters={'publish_rate_hz': 5.0})
+    ros.spin_until(publisher.get_subscription_count, 'the blocks are heard')
+    template = ImuTemplate('left_link', acceleration_covariance=covariance.UNKNOWN)
+    rows = template.imu_rows(samples.stamps, samples.acceleration)
+
+    def publish(first, last):
+        part = blocks.Part('imu/data_raw', first, T0, rows[first:last])
+        publisher.publish(blocks.encode(1, [part]))
+
+    publish(0, 300)
+    publish(310, 600)
+    status = ros.spin_until(
+        lambda: [s for s in listener.status if values_of(s).get('window_samples') == '590']
+    )[-1]
+    warnings = [s.message for s in listener.status if s.level == DiagnosticStatus.WARN]
+    assert any('10 not arrived' in message for message in warnings)
+    values = values_of(status)
+    assert (values['missed'], values['first_sequence'], values['received']) == ('10', '0', '590')
+    assert sensor.publisher.get_subscription_count() == 0
+    ros.spin_until(lambda: listener.vectors['rms', 'linear_acceleration'], 'metrics')
+    assert not listener.vectors['rms', 'angular_velocity']

@@ -7,6 +7,7 @@ import sys
 from types import ModuleType
 
 import pytest
+import yaml
 
 LAUNCH = Path(__file__).resolve().parents[2] / 'launch' / 'bench_launch.py'
 
@@ -54,20 +55,22 @@ def nodes(description, **given):
 
 
 def test_every_argument_is_described(described):
-    assert {a.args[0] for a in described[:-1]} == {'bench', 'analysis', 'record', 'output'}
+    assert {a.args[0] for a in described[:-1]} == {
+        'bench', 'analysis', 'record', 'output', 'log_level', 'respawn',
+    }  # fmt: skip
     assert all(argument.options['description'] for argument in described[:-1])
 
 
 def test_the_bench_of_the_thesis_is_started(described):
     started = nodes(described)
     assert {node['package'] for node in started} == {'imu_bench'}
-    sensors = [node for node in started if node['executable'] == 'sensor_node']
-    assert [node['namespace'] for node in sensors] == [
-        f'/bench/{name}'
-        for name in ('mti300', 'mpu9250', 'lsm9ds1', 'bno055', 'lsm303dlhc', 'mtn1100')
-    ]
-    assert all(Path(node['parameters'][0]).is_file() for node in sensors)
-    assert [node['executable'] for node in started[len(sensors) :]] == ['analysis_node']
+    assert [node['executable'] for node in started] == ['bench_node', 'analysis_node']
+    names, files = zip(*(word.split('=') for word in started[0]['arguments']), strict=True)
+    assert names == ('mti300', 'mpu9250', 'lsm9ds1', 'bno055', 'lsm303dlhc', 'mtn1100')
+    assert all(Path(path).is_file() for each in files for path in each.split(','))
+    assert started[0]['ros_arguments'] == [
+        '--enclave', '/imu_bench/sensors', '--log-level', 'info',
+    ]  # fmt: skip
     file, settings = started[-1]['parameters']
     assert Path(file).name == 'analysis.yaml'
     assert settings == {'window_s': 600.0, 'confidence': 0.95}
@@ -85,11 +88,21 @@ def test_own_bench_with_overrides_and_recorder(described, tmp_path):
         'analysis: {window_s: 60.0}\n'
         'recorder: {storage: sqlite3}\n'
     )
-    started = nodes(described, bench=str(bench), record='true', output='/data/bag')
+    own = tmp_path / 'analysis.yaml'
+    own.write_text('/**:\n  ros__parameters:\n    window_s: 30.0\n')
+    started = nodes(
+        described, bench=str(bench), record='true', output='/data/bag', respawn='true',
+        analysis=str(own),
+    )  # fmt: skip
     assert [node['executable'] for node in started] == [
-        'sensor_node', 'analysis_node', 'recorder_node',
+        'bench_node', 'analysis_node', 'recorder_node',
     ]  # fmt: skip
-    assert started[0]['namespace'] == '/bench/left'
-    assert started[0]['parameters'] == [str(tmp_path / 'mine.yaml'), {'rate_hz': 20.0}]
+    assert all(node['respawn'] for node in started)
+    waits, sensor = started[0]['arguments']
+    assert waits == '--recorded'
+    first, second = sensor.removeprefix('left=').split(',')
+    assert first == str(tmp_path / 'mine.yaml')
+    assert yaml.safe_load(Path(second).read_text())['/**']['ros__parameters'] == {'rate_hz': 20.0}
     assert started[1]['parameters'][1]['window_s'] == 60.0
+    assert started[1]['parameters'][2:] == [str(own)]
     assert started[2]['parameters'] == [{'storage': 'sqlite3', 'output': '/data/bag'}]

@@ -1,82 +1,75 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict on a sensor whose wires failed as scripted, and what its recording misses."""
+"""What the monitor of a bench makes of what its nodes say."""
 
-import json
 from threading import Thread
+import time
 
 import pytest
 
 pytestmark = pytest.mark.ros
 
-VALUES = {'samples': '17000', 'nominal_hz': '400', 'delivered_hz': '400.0', 'lost': '1345'}
 
+def status(**values):
+    """Return what the node of a sensor would say."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-def view(lost, /, *, states=None, **values):
-    """Return what was heard of a sensor with so many samples lost by each fault."""
-    from imu_bench.nodes.bench_monitor import SensorView
-
-    sensor = SensorView('mti300', values={**VALUES, **values})
-    states = states or ['recovered'] * len(lost)
-    for number, (state, count) in enumerate(zip(states, lost, strict=True)):
-        sensor.hear_of_faults({f'{number}.state': state, f'{number}.lost': str(count)})
-    return sensor
-
-
-def test_what_faults_took_is_no_broken_rate():
-    assert view([430, 915]).verdict == (
-        '1345 samples lost to the scripted faults, none otherwise; '
-        'keeps its rate since (400.0 of 400 Hz)'
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    name = '/bench/mpu9250: acquisition'
+    return DiagnosticArray(
+        status=[DiagnosticStatus(name=name, level=DiagnosticStatus.OK, values=pairs)]
     )
 
 
-def test_what_was_lost_beside_the_faults_is_said():
-    assert '1015 samples lost to the scripted faults, 330 otherwise; keeps' in view([1015]).verdict
-
-
-def test_a_rate_that_has_the_last_fault_in_it_is_no_verdict_yet():
-    sensor = view([1345], delivered_hz='357.1')
-    # what counts is when the rate was told, not when the verdict is asked for
-    sensor.heard_s = sensor.recovered_s + 10.0
-    assert 'has the last fault in it (357.1 of 400 Hz)' in sensor.verdict
-    sensor.heard_s = sensor.recovered_s + 11.5
-    assert sensor.verdict.endswith('does NOT keep its rate since: 357.1 of 400 Hz')
-
-
-def test_a_fault_that_goes_on_is_said_and_one_to_come_is_none():
-    assert 'has NOT recovered' in view([430, 915], states=['recovered', 'over']).verdict
-    assert view([0], states=['planned'], lost='0').verdict.startswith('kept its rate')
-
-
-@pytest.mark.parametrize(
-    ('missing', 'said'),
-    [
-        (1345, 'mti300: 1345 lost by faults; 1345 missing in the recording\n'),
-        (1645, '1645 missing in the recording, 300 more than the sensor lost: they did not reach'),
-    ],
-)
-def test_what_the_recording_misses_beyond_that_was_lost_on_the_way(
-    tmp_path, capsys, missing, said
-):
-    from imu_bench.cli.fault_lines import show_gaps
-
-    recording = {'topic': '/bench/mti300/imu/data_raw', 'health': {'missing': missing}}
-    results = tmp_path / 'results.json'
-    results.write_text(json.dumps({'recordings': [recording]}), encoding='utf-8')
-    show_gaps(results, {'mti300': view([430, 915])})
-    assert said in capsys.readouterr().out
-
-
-def test_waiting_ends_with_the_message_that_was_waited_for():
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+def test_a_sensor_is_held_to_the_slower_of_its_two_rates():
     from imu_bench.nodes.bench_monitor import BenchMonitor
 
     monitor = BenchMonitor(['mpu9250'])
-    heard = DiagnosticStatus(
-        name='/bench/mpu9250: acquisition',
-        level=DiagnosticStatus.OK,
-        values=[KeyValue(key='samples', value='5')],
-    )
-    listener = Thread(target=monitor._diagnostics, args=(DiagnosticArray(status=[heard]),))
+    view = monitor.sensors['mpu9250']
+    for true, delivered, full in ((1010, 991, True), (980, 971, True), (1010, 989, False)):
+        values = {'nominal_hz': 1000, 'rate_hz': true, 'delivered_hz': delivered}
+        monitor._diagnostics(status(**values))
+        assert view.at_full_rate is full, values
+
+
+def test_what_the_analysis_has_missed_belongs_to_the_sensor():
+    from imu_bench.nodes.bench_monitor import BenchMonitor
+
+    monitor = BenchMonitor(['mpu9250'])
+    for missed in ('not known', 12, 3):  # the last by one that was started again
+        said = status(missed=missed)
+        said.status[0].name = '/bench/mpu9250: analysis'
+        monitor._diagnostics(said)
+    assert monitor.sensors['mpu9250'].unanalysed == 12
+    assert not monitor.sensors['mpu9250'].values
+
+
+def test_what_a_sensor_has_counted_outlives_its_node():
+    from imu_bench.nodes.bench_monitor import BenchMonitor
+
+    monitor = BenchMonitor(['mpu9250'])
+    for samples in (100, 900, 50):
+        monitor._diagnostics(status(samples=samples, lost=samples // 50))
+    tally = monitor.sensors['mpu9250'].tally
+    assert (tally['samples'], tally['lost'], tally.restarts) == (950, 19, 1)
+
+
+def test_what_is_played_from_a_bag_is_no_news():
+    from imu_bench.nodes.bench_monitor import BenchMonitor
+
+    monitor = BenchMonitor(['mpu9250'])
+    for said_s, samples in ((time.time(), 100), (time.time() - 3600.0, 5), (time.time(), 200)):
+        said = status(samples=samples)
+        said.header.stamp.sec = int(said_s)
+        monitor._diagnostics(said)
+    tally = monitor.sensors['mpu9250'].tally
+    assert (tally['samples'], tally.restarts) == (200, 0)
+
+
+def test_waiting_ends_with_the_message_that_was_waited_for():
+    from imu_bench.nodes.bench_monitor import BenchMonitor
+
+    monitor = BenchMonitor(['mpu9250'])
+    listener = Thread(target=monitor._diagnostics, args=(status(samples=5),))
 
     def publishing():
         found = monitor.sensors['mpu9250'].publishing
@@ -88,3 +81,28 @@ def test_waiting_ends_with_the_message_that_was_waited_for():
     assert monitor.wait_for(publishing, 1e6)
     assert not monitor.wait_for(lambda: False, 0.0)
     listener.join()
+
+
+def test_it_ends_although_nobody_says_anything():
+    from imu_bench.nodes.bench_monitor import BenchMonitor
+
+    with BenchMonitor(['mpu9250']) as monitor:
+        # long enough that its thread waits for what does not come
+        assert not monitor.wait_for(lambda: False, 1.0)
+
+
+def test_nonsense_in_the_name_of_a_sensor_or_of_the_recorder_ends_nothing():
+    from imu_bench.nodes.bench_monitor import BenchMonitor
+
+    monitor = BenchMonitor(['mpu9250'], '/bag')
+    for kind in ('faults', 'acquisition', 'analysis'):
+        said = status(**{'x': 'y', '1.state': 'active', '1.lost': 'much', 'samples': 'many'})
+        said.status[0].name = f'/bench/mpu9250: {kind}'
+        monitor._diagnostics(said)
+    said = status(**{'stored./a': 'x', 'dropped': '-', 'turned_away': '', 'beside./a': '1e9'})
+    said.status[0].name, said.status[0].hardware_id = 'recorder: recording', '/bag'
+    monitor._diagnostics(said)
+    view, recorder = monitor.sensors['mpu9250'], monitor.recorder
+    assert (view.lost_by_faults, view.publishing, view.tally['samples']) == (0, False, 0)
+    assert (recorder.stored('/a'), recorder.dropped, recorder.turned_away) == (0, 0, 0)
+    assert recorder.beside == {}

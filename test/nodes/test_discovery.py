@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which topics are taken for those of a sensor."""
 
-from imu_bench.bags.sensor_messages import IMU
 from imu_bench.nodes.discovery import matching
 from imu_bench.nodes.topic_names import IMU_TYPE
+from msg_conversions.quantities import IMU
 
 GRAPH = [
     ('/bench/b/imu/data_raw', [IMU_TYPE]),

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.ros
 
 EXECUTABLE = Path(sys.executable).parent / 'mpu9250_node'
 RATE_HZ = 100.0
-SETTINGS = ('backend:=emulated', f'rate_hz:={RATE_HZ}', 'accelerometer_bandwidth:=41.0')
+SETTINGS = ('backend:=emulated', f'rate_hz:={RATE_HZ}', 'accelerometer_bandwidth:=44.8')
 
 
 class Listener(Node):
@@ -57,8 +57,8 @@ def node():
 
     yield start
     for process in running:
-        process.terminate()
-        process.communicate(timeout=20)
+        with process:
+            process.terminate()
 
 
 def test_an_unplugged_chip_is_named_comes_back_and_what_is_lost_is_counted(ros, node):
@@ -94,7 +94,7 @@ def test_an_unplugged_chip_is_named_comes_back_and_what_is_lost_is_counted(ros, 
     assert int(fault['0.lost']) == int(values['lost'])
 
     process.terminate()
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate()
     assert process.returncode == 0, output
     assert 'faults are scripted: 1' in output
     assert 'emulated fault unplugged: recovered after' in output
@@ -111,7 +111,7 @@ def test_an_unplugged_chip_is_named_comes_back_and_what_is_lost_is_counted(ros, 
 )
 def test_a_script_that_makes_no_sense_ends_it_with_one_clear_line(node, fault, says):
     process = node(fault)
-    output, _ = process.communicate(timeout=30)
+    output, _ = process.communicate()
     assert process.returncode == 1
     assert says in output
     assert 'simulation.faults: ' in output

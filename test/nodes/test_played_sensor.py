@@ -145,7 +145,7 @@ def test_the_process_ends_when_the_recording_does(start, wire):
     assert 'these are not measurements' in node.wait_for('recorded emulated mpu9250')
     code, output = node.finish()
     assert code == 0, output
-    assert 'over after 0.999 s' in output
+    assert ': over after ' in output
 
 
 def test_the_process_says_where_a_recording_is_damaged(start, wire):

@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder: which topics, which bytes, which quality of service; health; refusals."""
 
+import threading
+import time
+
 from geometry_msgs.msg import Vector3Stamped
 from imu_bench.errors import ConfigError, RecordingError
-from imu_bench.nodes.recorder import message_class, RecorderNode, requested_qos
+from imu_bench.nodes.recorder import message_class, RecorderNode
 from imu_bench.offline.recordings import load, open_source
+from msg_conversions import blocks
+import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import Imu, Temperature
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray, String, UInt8MultiArray
 
 pytestmark = pytest.mark.ros
 
@@ -106,7 +111,7 @@ def test_everything_can_be_recorded(ros, talker, record):
 
 def test_a_topic_that_comes_later_is_recorded(ros, talker, record):
     node = record()
-    ros.spin_until(lambda: '/diagnostics' in node._recorded, 'the first look')
+    ros.spin_until(lambda: '/diagnostics' in node._known, 'the first look')
     publisher = talker.create_publisher(Imu, '/bench/late/imu/data_raw', 10)
     ros.spin_until(publisher.get_subscription_count, 'subscribed')
     publisher.publish(imu(1.0))
@@ -125,7 +130,7 @@ def test_the_quality_of_service_follows_the_publisher_and_is_noted(ros, talker, 
     talker.create_publisher(Imu, '/bench/loose/imu/data_raw', loose)
     node = record()
     ros.spin_until(lambda: node.received['/bench/latched/imu/data_raw'] == 1, 'the old message')
-    ros.spin_until(lambda: '/bench/loose/imu/data_raw' in node._recorded, 'the other topic')
+    ros.spin_until(lambda: '/bench/loose/imu/data_raw' in node._known, 'the other topic')
     node.close()
     with Reader(node.path) as bag:
         noted = {c.topic: c for c in bag.connections}
@@ -137,13 +142,6 @@ def test_the_quality_of_service_follows_the_publisher_and_is_noted(ros, talker, 
     assert {connection.digest for name, connection in noted.items() if 'imu' in name} == {
         'RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b'
     }
-
-
-def test_publishers_that_differ_are_asked_for_the_least():
-    reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-    loose = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    assert requested_qos([reliable, reliable]).reliability == ReliabilityPolicy.RELIABLE
-    assert requested_qos([reliable, loose]).reliability == ReliabilityPolicy.BEST_EFFORT
 
 
 def test_health_counts_what_is_in_the_bag(ros, talker, record):
@@ -162,7 +160,135 @@ def test_health_counts_what_is_in_the_bag(ros, talker, record):
     assert found.name == 'recorder: recording'
     assert found.level == b'\0'
     assert found.message.startswith('recording ')
-    assert {pair.key: pair.value for pair in found.values}['dropped'] == '0'
+    values = {pair.key: pair.value for pair in found.values}
+    assert (values['dropped'], values['spilled'], values['waiting']) == ('0', '0', '0')
+    assert values['missed./bench/a/imu/data_raw'] == '0'
+
+
+class BlockSensor:
+    """A sensor as the bench has them: blocks beside standard topics."""
+
+    def __init__(self, talker, namespace='/bench/a'):
+        self.number = 5
+        self.plain = {
+            name: talker.create_publisher(kind, f'{namespace}/{name}', 7)
+            for name, kind in (('imu/data_raw', Imu), ('temperature', Temperature))
+        }
+        self.blocks = talker.create_publisher(UInt8MultiArray, f'{namespace}/_blocks', 1000)
+
+    def publish(self, sequence, messages, topic='imu/data_raw', published_ns=1):
+        rows = np.frombuffer(b''.join(messages), np.uint8).reshape(len(messages), -1)
+        part = blocks.Part(topic, sequence, published_ns, rows)
+        self.blocks.publish(blocks.encode(self.number, [part]))
+
+
+def status_of(node):
+    (found,) = node._statuses()
+    return found, {pair.key: pair.value for pair in found.values}
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('which', [{}, {'all_topics': True}])
+def test_what_comes_in_blocks_is_stored_as_the_messages_it_holds(
+    ros, talker, record, storage, which
+):
+    sensor = BlockSensor(talker)
+    node = record(storage=storage, **which)
+    ros.spin_until(sensor.blocks.get_subscription_count, 'the recorder subscribes')
+    sent = [serialize_message(imu(float(index))) for index in range(100)]
+    sensor.publish(0, sent[:60], published_ns=1_000)
+    sensor.publish(60, sent[60:], published_ns=2_000)
+    warm = serialize_message(Temperature(temperature=20.0))
+    sensor.publish(0, [warm], 'temperature', published_ns=1_500)
+    ros.spin_until(lambda: node.received.total() >= 101, 'all received')
+    assert not any(each.get_subscription_count() for each in sensor.plain.values())
+    node.close()
+    with Reader(node.path) as bag:
+        found = [(c.topic, stamp, bytes(data)) for c, stamp, data in bag.messages()]
+        noted = {c.topic: c for c in bag.connections}
+    name = '/bench/a/imu/data_raw'
+    assert [data for topic, _, data in found if topic == name] == sent
+    assert [stamp for topic, stamp, _ in found if topic == name] == [1_000] * 60 + [2_000] * 40
+    assert [each for each in found if each[0] == '/bench/a/temperature'] == [
+        ('/bench/a/temperature', 1_500, warm)
+    ]
+    # described as the topic that it is, not as blocks
+    assert noted[name].msgtype == 'sensor_msgs/msg/Imu'
+    assert noted[name].ext.offered_qos_profiles[0].reliability.name == 'RELIABLE'
+    assert noted[name].digest.startswith('RIHS01_7d9a00ff')
+    assert not any('_blocks' in topic for topic in noted)
+
+
+def test_of_blocks_only_what_is_chosen_is_stored(ros, talker, record):
+    sensor = BlockSensor(talker)
+    node = record(topics=['/bench/a/temperature', '/bench/a/_blocks'])
+    ros.spin_until(sensor.blocks.get_subscription_count, 'the recorder subscribes')
+    sensor.publish(0, [serialize_message(imu(1.0))])
+    sensor.publish(0, [serialize_message(Temperature())], 'temperature')
+    ros.spin_until(lambda: node.received['/bench/a/temperature'], 'received')
+    node.close()
+    assert list(stored(node.path)) == ['/bench/a/temperature']
+
+
+def test_what_never_came_is_counted_and_named(ros, talker, record):
+    sensor = BlockSensor(talker)
+    node = record()
+    ros.spin_until(sensor.blocks.get_subscription_count, 'the recorder subscribes')
+    blob = serialize_message(imu(1.0))
+    sensor.publish(30, [blob] * 10)
+    sensor.publish(43, [blob] * 10)
+    name = '/bench/a/imu/data_raw'
+    ros.spin_until(lambda: node.received[name] == 20, 'received')
+    found, values = status_of(node)
+    assert found.level == b'\2'
+    assert found.message == f'3 messages missed: {name}'
+    assert values[f'missed.{name}'] == '3'
+    assert values[f'first_sequence.{name}'] == '30'
+    assert values[f'publishers.{name}'] == '1'
+    assert values['received'] == '20'
+
+
+def test_a_sensor_that_was_started_again_lost_nothing_on_the_way(ros, talker, record):
+    sensor = BlockSensor(talker)
+    node = record()
+    ros.spin_until(sensor.blocks.get_subscription_count, 'the recorder subscribes')
+    blob = serialize_message(imu(1.0))
+    sensor.publish(0, [blob] * 10)
+    sensor.number = 6
+    sensor.publish(0, [blob] * 10)
+    name = '/bench/a/imu/data_raw'
+    ros.spin_until(lambda: node.received[name] == 20, 'received')
+    found, values = status_of(node)
+    assert found.level == b'\0'
+    assert values[f'missed.{name}'] == '0'
+    assert values[f'publishers.{name}'] == '2'
+
+
+def test_damaged_blocks_are_said(ros, talker, record):
+    sensor = BlockSensor(talker)
+    node = record()
+    ros.spin_until(sensor.blocks.get_subscription_count, 'the recorder subscribes')
+    sensor.blocks.publish(UInt8MultiArray(data=[1, 2, 3]))
+    ros.spin_until(lambda: status_of(node)[0].level == b'\2', 'noticed')
+    assert status_of(node)[0].message == '1 blocks of messages damaged'
+
+
+def test_what_is_on_its_way_when_it_is_closed_is_stored(ros, talker, record):
+    sensor = BlockSensor(talker)
+    node = record()
+    ros.spin_until(sensor.blocks.get_subscription_count, 'the recorder subscribes')
+    blob = serialize_message(imu(1.0))
+
+    def last_words():
+        for index in range(20):
+            sensor.publish(10 * index, [blob] * 10)
+            time.sleep(0.02)
+
+    talking = threading.Thread(target=last_words)
+    talking.start()
+    node.close()
+    talking.join()
+    assert len(stored(node.path)['/bench/a/imu/data_raw']) == 200
 
 
 def test_a_disk_that_is_full_ends_the_recording(ros, talker, record, monkeypatch):
@@ -172,11 +298,12 @@ def test_a_disk_that_is_full_ends_the_recording(ros, talker, record, monkeypatch
     def fail(*_message):
         raise RecordingError('bag: the disk is full; recording ended, 7 messages are kept')
 
-    monkeypatch.setattr(node._writer._bag, 'write', fail)
+    monkeypatch.setattr(node._writer._bag, 'write_many', fail)
     ros.spin_until(publisher.get_subscription_count, 'subscribed')
     publisher.publish(imu(1.0))
+    ros.spin_until(node.ended.done, 'the failure is noticed')
     with pytest.raises(RecordingError, match='the disk is full; recording ended'):
-        ros.spin_until(lambda: False, 'the failure is noticed')
+        node.ended.result()
     (status,) = node._statuses()
     assert status.level == b'\2'
     assert 'the disk is full' in status.message

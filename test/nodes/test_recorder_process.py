@@ -3,12 +3,21 @@
 
 import resource
 import signal
+import subprocess
+import sys
+import threading
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from imu_bench.offline.recordings import load, open_source
+from imu_bench.nodes import qos
+from imu_bench.offline import recordings
+from msg_conversions import blocks, covariance
+from msg_conversions.templates import ImuTemplate
+import numpy as np
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
+from std_msgs.msg import UInt8MultiArray
 
 pytestmark = pytest.mark.ros
 
@@ -22,7 +31,7 @@ class Talker:
     def __init__(self, ros):
         self._ros = ros
         self._node = ros.add(Node, 'talker')
-        self._publisher = self._node.create_publisher(Imu, TOPIC, 1000)
+        self._publisher = None
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._listen, 10)
         self.said: dict[str, str] = {}
 
@@ -33,6 +42,8 @@ class Talker:
 
     def publish(self, first, last):
         """Publish when somebody listens, a few at a time."""
+        if self._publisher is None:
+            self._publisher = self._node.create_publisher(Imu, TOPIC, 1000)
         self._ros.spin_until(self._publisher.get_subscription_count, 'the recorder subscribes')
         message = Imu()
         for index in range(first, last):
@@ -53,9 +64,70 @@ def talker(ros):
     return Talker(ros)
 
 
+class Stream:
+    """Publishes numbered messages at 1 kHz from a thread, in blocks or one by one."""
+
+    RATE_HZ = 1000
+    BLOCK = 50
+
+    def __init__(self, talker, in_blocks):
+        self._plain = talker.create_publisher(Imu, TOPIC, qos.keep_last(20_000, 'reliable'))
+        self._blocks = None
+        if in_blocks:
+            self._blocks = talker.create_publisher(UInt8MultiArray, '/bench/a/_blocks', 2048)
+        self._template = ImuTemplate('imu', acceleration_covariance=covariance.UNKNOWN)
+        self.sent = 0
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    @property
+    def heard(self):
+        return (self._blocks or self._plain).get_subscription_count()
+
+    def start(self):
+        self._thread.start()
+
+    def stop(self):
+        self._over.set()
+        self._thread.join()
+
+    def _run(self):
+        began = time.monotonic()
+        while not self._over.wait(self.BLOCK / self.RATE_HZ):
+            due = int((time.monotonic() - began) * self.RATE_HZ)
+            numbers = np.arange(self.sent, due)
+            values = np.stack([numbers] * 3, axis=1)
+            rows = self._template.imu_rows(numbers + 10**9, values)
+            if self._blocks is not None:
+                part = blocks.Part('imu/data_raw', self.sent, time.time_ns(), rows)
+                self._blocks.publish(blocks.encode(9, [part]))
+            else:
+                for row in rows:
+                    self._plain.publish(row.tobytes())
+            self.sent = due
+
+
+def busy(start_time_s=60):
+    """Return a process that takes all of a core that it gets, and ends by itself."""
+    program = (
+        f'import time\nend = time.monotonic() + {start_time_s}\nwhile time.monotonic() < end: pass'
+    )
+    return subprocess.Popen([sys.executable, '-c', program])
+
+
+@pytest.fixture
+def load():
+    """Four busy processes."""
+    running = [busy() for _ in range(4)]
+    yield running
+    for each in running:
+        each.kill()
+        each.wait()
+
+
 def read(path):
-    with open_source(path) as source:
-        recording = load(source, TOPIC)
+    with recordings.open_source(path) as source:
+        recording = recordings.load(source, TOPIC)
         return recording.samples.acceleration[:, 0].tolist(), source.problems
 
 
@@ -116,3 +188,76 @@ def test_a_bag_that_exists_ends_it_with_one_clear_line(start, tmp_path):
     assert code == 1
     assert output.count('\n') == 1, output
     assert 'exists already; a bag is never overwritten, choose another name' in output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('away_s', [3.0, 10.0])
+def test_a_recorder_that_was_stopped_for_a_while_has_everything_afterwards(
+    ros, start, tmp_path, away_s
+):
+    talker = Talker(ros)
+    stream = Stream(ros.add(Node, 'stream'), in_blocks=True)
+    recorder = start(RECORDER, '--ros-args', '-p', f'output:={tmp_path / "bag"}')
+    ros.spin_until(lambda: stream.heard, 'the recorder subscribes')
+    stream.start()
+    ros.spin_until(lambda: stream.sent > 1000, 'the first second')
+    recorder.process.send_signal(signal.SIGSTOP)
+    until = stream.sent + away_s * stream.RATE_HZ
+    ros.spin_until(lambda: stream.sent > until, 'it was away')
+    recorder.process.send_signal(signal.SIGCONT)
+    stream.stop()
+    talker.wait_until_stored(stream.sent)
+    recorder.process.send_signal(signal.SIGINT)
+    code, output = recorder.finish()
+    assert code == 0, output
+    assert read(tmp_path / 'bag') == ([float(index) for index in range(stream.sent)], [])
+
+
+@pytest.mark.slow
+def test_single_messages_of_others_are_all_taken_beside_busy_programs(ros, start, tmp_path, load):
+    talker = Talker(ros)
+    stream = Stream(ros.add(Node, 'stream'), in_blocks=False)
+    recorder = start(RECORDER, '--ros-args', '-p', f'output:={tmp_path / "bag"}')
+    ros.spin_until(lambda: stream.heard, 'the recorder subscribes')
+    stream.start()
+    ros.spin_until(lambda: stream.sent > 5000, 'five seconds')
+    stream.stop()
+    talker.wait_until_stored(stream.sent)
+    assert talker.said[f'missed.{TOPIC}'] == '0'
+    recorder.process.send_signal(signal.SIGINT)
+    code, output = recorder.finish()
+    assert code == 0, output
+    assert read(tmp_path / 'bag') == ([float(index) for index in range(stream.sent)], [])
+
+
+@pytest.mark.slow
+def test_single_messages_that_a_stopped_recorder_did_not_get_are_counted(ros, start, tmp_path):
+    talker = Talker(ros)
+    stream = Stream(ros.add(Node, 'stream'), in_blocks=False)
+    recorder = start(
+        RECORDER, '--ros-args', '-p', f'output:={tmp_path / "bag"}',
+        '-p', f'qos_overrides.{TOPIC}.subscription.depth:=100',
+        '-p', f'qos_overrides.{TOPIC}.subscription.reliability:=best_effort',
+    )  # fmt: skip
+    ros.spin_until(lambda: stream.heard, 'the recorder subscribes')
+    stream.start()
+    ros.spin_until(lambda: talker.said.get(f'stored.{TOPIC}', '0') != '0', 'something is stored')
+    recorder.process.send_signal(signal.SIGSTOP)
+    until = stream.sent + 3000
+    ros.spin_until(lambda: stream.sent > until, 'it was away')
+    recorder.process.send_signal(signal.SIGCONT)
+    until = stream.sent + 1000
+    ros.spin_until(lambda: stream.sent > until, 'it is back')
+    stream.stop()
+
+    def accounted():
+        names = (f'{each}.{TOPIC}' for each in ('stored', 'missed', 'first_sequence'))
+        return sum(int(talker.said.get(name, '0')) for name in names) == stream.sent
+
+    ros.spin_until(accounted, 'every message is accounted for')
+    recorder.process.send_signal(signal.SIGINT)
+    code, output = recorder.finish()
+    assert code == 0, output
+    values, _ = read(tmp_path / 'bag')
+    assert len(values) == int(talker.said[f'stored.{TOPIC}'])
+    assert stream.sent - len(values) == int(talker.said[f'missed.{TOPIC}'])

@@ -150,7 +150,7 @@ def test_every_parameter_is_described_and_limited(ros):
     assert '[m/s²]' in stddev.description
     assert stddev.floating_point_range[0].from_value == 0.0
     assert by_name['address'].integer_range[0].to_value == 0x77
-    assert by_name['backend'].additional_constraints == 'hardware, emulated, recorded'
+    assert by_name['backend'].additional_constraints == 'hardware, emulated, recorded, iio'
     assert by_name['accelerometer_range'].additional_constraints == '2, 4, 8, 16 g'
     values = ros.call(
         client.create_client(GetParameters, f'{path}/get_parameters'),
@@ -171,7 +171,7 @@ def test_a_setting_cannot_be_changed_while_it_runs(ros):
     assert 'read-only' in result.reason
 
 
-@pytest.mark.parametrize(('waits', 'largest'), [(True, 20.0), (False, 10.0)])
+@pytest.mark.parametrize(('waits', 'largest'), [(True, 2 * 9.8), (False, 9.8)])
 def test_a_scenario_begins_when_the_node_is_told_unless_it_has_begun(ros, waits, largest):
     begin = {'simulation.scenario': 'sine', 'simulation.begin': 1e10} if waits else {}
     received = listen(ros, Imu, '/bench/left/imu/data_raw')
@@ -188,7 +188,7 @@ def test_a_scenario_begins_when_the_node_is_told_unless_it_has_begun(ros, waits,
     assert ('it began when it was switched on' in result.reason) != waits
     received.clear()
     ros.spin_until(lambda: len(received) >= 300, 'samples of 1.5 s')
-    # 1 g at 10 Hz on top of gravity
+    # 1 g at 10 Hz on top of gravity; of 20 samples a period one is within 1.3 % of the top
     found = max(message.linear_acceleration.z for message in received)
     assert found == pytest.approx(largest, abs=0.5)
 
@@ -352,7 +352,7 @@ def test_what_others_have_to_put_right_is_waited_for(ros, monkeypatch, kind):
     statuses = diagnostics(ros, 'left')
     closed = True
 
-    def hardware(device, *_):
+    def hardware(device, *_, **__):
         if closed:
             raise kind(f'/dev/{device}: not for you')
         clock = SystemClock()

@@ -4,7 +4,12 @@
 import os
 import signal
 
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
 
 pytestmark = pytest.mark.ros
 
@@ -51,6 +56,42 @@ def test_a_sensor_that_is_not_there_ends_it(start):
     assert code == 1
     assert 'i2c-99' in output
     assert 'Traceback' not in output
+
+
+def test_nonsense_that_somebody_asks_ends_nothing(ros, start):
+    node = start(SENSOR, '--ros-args', *GENERIC, '-r', '__ns:=/bench/x')
+    stranger = ros.add(Node, 'stranger')
+
+    def call(kind, name, request):
+        return ros.call(stranger.create_client(kind, f'/bench/x/sensor_node/{name}'), request)
+
+    for number in (Transition.TRANSITION_CLEANUP, 99):
+        request = ChangeState.Request(transition=Transition(id=number))
+        assert not call(ChangeState, 'change_state', request).success
+    for value in (ParameterValue(type=99), ParameterValue(type=3, double_value=1.0)):
+        request = SetParameters.Request(parameters=[Parameter(name='rate_hz', value=value)])
+        results = call(SetParameters, 'set_parameters', request).results
+        assert not any(result.successful for result in results)
+    state = call(GetState, 'get_state', GetState.Request()).current_state.id
+    assert state == State.PRIMARY_STATE_ACTIVE
+    node.process.send_signal(signal.SIGINT)
+    code, output = node.finish()
+    assert code == 0, output
+    assert 'change_state: refused a request: ' in output
+
+
+def test_help_is_given(start):
+    code, output = start(SENSOR, '--help').finish()
+    assert code == 0
+    assert '--params-file FILE' in output
+    assert 'Traceback' not in output
+
+
+def test_a_simulated_clock_is_refused(start):
+    code, output = start(SENSOR, '--ros-args', *GENERIC, '-p', 'use_sim_time:=true').finish()
+    assert code == 1
+    assert output.count('\n') == 1, output
+    assert 'use_sim_time: true is not allowed' in output
 
 
 def test_an_argument_that_is_not_ros_is_wrong_usage(start):

@@ -63,15 +63,15 @@ def run(tmp_path):
     (tmp_path / 'main.py').write_text(
         'import sys\n'
         'from imu_bench.nodes.spinning import run\n'
-        'name, executor = sys.argv[1:]\n'
-        'sys.exit(run(f"small_nodes:{name}", args=["main"], executor=executor))\n'
+        'name = sys.argv[1]\n'
+        'sys.exit(run(f"small_nodes:{name}", args=["main"]))\n'
     )
     root = Path(__file__).resolve().parents[2]
     started = []
 
-    def start(name, executor='single'):
+    def start(name):
         process = subprocess.Popen(
-            [sys.executable, str(tmp_path / 'main.py'), name, executor],
+            [sys.executable, str(tmp_path / 'main.py'), name],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -87,10 +87,9 @@ def run(tmp_path):
         process.communicate()
 
 
-@pytest.mark.parametrize('executor', ['single', 'events'])
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_the_clean_up_survives_further_signals(run, executor, number):
-    process = run('Calm', executor)
+def test_the_clean_up_survives_further_signals(run, number):
+    process = run('Calm')
     assert process.stdout.readline() == 'ticking\n'
     process.send_signal(number)
     # ROS 2 is still up: last words can be published
@@ -129,27 +128,8 @@ def test_a_node_that_refuses_to_start_says_why_line_by_line(run):
     ]
 
 
-@pytest.mark.parametrize('executor', ['single', 'events'])
-def test_a_shutdown_from_inside_is_a_clean_end(run, executor):
-    process = run('ShutDown', executor)
+def test_a_shutdown_from_inside_is_a_clean_end(run):
+    process = run('ShutDown')
     output, errors = process.communicate('go on\n')
     assert process.returncode == 0, errors
     assert output.splitlines() == ['closing False', 'closed']
-
-
-def test_what_is_imported_later_is_spared_too_but_only_in_a_process_of_its_own():
-    code = (
-        'import gc\n'
-        'from imu_bench.nodes.spinning import spare_the_collector_again as spare\n'
-        'spare()\n'
-        'print(gc.get_freeze_count())\n'
-        'gc.freeze()\n'
-        'before = gc.get_freeze_count()\n'
-        'made = [[] for _ in range(1000)]\n'
-        'spare()\n'
-        'print(gc.get_freeze_count() - before >= 1000)\n'
-    )
-    result = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, timeout=60
-    )
-    assert result.stdout.split() == ['0', 'True'], result.stderr

@@ -7,10 +7,12 @@ import json
 
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.offline import across_text
-from imu_bench.offline.across import compare_runs, named
-from imu_bench.offline.analyse import analyse
-from imu_bench.offline.results import Analysis
+from imu_bench.offline.analysis.recording import analyse
+from imu_bench.offline.analysis.results import Analysis
+from imu_bench.offline.comparing.runs import compare_runs, named
+from imu_bench.offline.health import Finding
+from imu_bench.offline.presentation import run_tables
+from imu_bench.offline.presentation.pages import render_runs
 import numpy as np
 import pytest
 
@@ -141,18 +143,19 @@ def test_the_json_document_is_strict(sensor):
 
 def test_words(sensor):
     across = compare_runs(runs([sensor(1)], [sensor(2, scale=3.0)]))
-    first, chance, second = across_text.summary(across)
+    first, chance, second = run_tables.summary(across)
     assert first.startswith('31 numbers compared: ')
     assert chance == 'Chance alone calls about 1 of these higher or lower.'
     assert 'times as large in run1' in second
-    row = across_text.row(line_of(across, 'linear_acceleration.z', 'noise_density'))
-    assert row.parameter == 'noise density'
-    assert 'µg/√Hz' in row.reference and '±' in row.reference
-    assert row.difference.startswith('+') and row.change == row.ratio
-    bias = across_text.row(line_of(across, 'linear_acceleration.z', 'mean'))
-    assert bias.change == bias.difference
+    units = run_tables.units_of(across.lines)
+    row = run_tables.row(line_of(across, 'linear_acceleration.z', 'noise_density'), units)
+    assert row['parameter'] == 'noise density'
+    assert 'µg/√Hz' in row['reference'].text and '±' in row['reference'].text
+    assert row['difference'].text.startswith('+') and row['change'] == row['ratio']
+    bias = run_tables.row(line_of(across, 'linear_acceleration.z', 'mean'), units)
+    assert bias['change'] == bias['difference']
     small = compare_runs(runs([sensor(1)], [sensor(1)]))
-    assert across_text.summary(small)[0].count('same')
+    assert run_tables.summary(small)[0].count('same')
 
 
 @pytest.mark.parametrize(
@@ -162,8 +165,45 @@ def test_the_difference_of_clocks_has_no_more_digits_than_stamps(sensor, hertz, 
     line = line_of(compare_runs(runs([sensor(1)], [sensor(1)])), '', 'rate')
     reference = Estimate(100.0, 99.9, 100.1, 'Hz')
     difference = Estimate(hertz - 100.0, hertz - 100.2, hertz - 99.8, 'Hz')
-    row = across_text.row(replace(line, reference=reference, difference=difference))
-    assert row.difference.replace('.00', '').replace('.0', '') == shown
+    row = run_tables.row(replace(line, reference=reference, difference=difference), {})
+    assert row['difference'].text.replace('.00', '').replace('.0', '') == shown
+
+
+def test_a_parameter_has_one_unit_in_all_rows(sensor):
+    """Axes whose numbers differ by a factor of 10⁵ would each get a unit of their own."""
+
+    def spread(seed):
+        found = sensor(seed)
+        axes = {}
+        for name, axis in found.axes.items():
+            size = 1e-9 if name.endswith('x') else 1e-4
+            K = Estimate(size, 0.9 * size, 1.1 * size, axis.model.K.unit)
+            axes[name] = replace(axis, model=replace(axis.model, K=K))
+        return replace(found, axes=axes)
+
+    across = compare_runs(runs([spread(1)], [spread(2)]))
+    rows = run_tables.table(across, across.lines[0].sensor, 'run1').rows
+    shown = [(row[0].partition('.')[0], row[2].text.split()[-1]) for row in rows
+             if row[1] == 'rate random walk K']  # fmt: skip
+    assert len(shown) == 6 and len(set(shown)) == 2
+
+
+def test_findings_are_said_first_at_each_table_and_in_the_document(sensor):
+    moved = Finding('severe', 'motion', 'It moved.', 'All of it.', 'Record again.')
+    bad = sensor(2)
+    bad = replace(bad, health=replace(bad.health, findings=(moved,)))
+    across = compare_runs(runs([sensor(1)], [bad]))
+    name = across.lines[0].sensor
+    first = run_tables.summary(across)[0]
+    assert first == (
+        f'Not to be trusted without reading the findings: {name} in run1 (severe, motion).'
+    )
+    note = run_tables.table(across, name, 'run1').note
+    assert note == 'Findings that affect these numbers: run1: severe, motion.'
+    told = {row['run']: row for row in across.to_json()['health']}
+    assert told['run1']['severity'] == 'severe' and told['run0']['severity'] == 'info'
+    assert told['run1']['findings'][0]['text'] == 'It moved.'
+    assert 'It moved.' in render_runs(across)
 
 
 def test_a_value_without_noise_is_compared(sensor):

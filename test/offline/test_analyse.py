@@ -7,7 +7,7 @@ from imu_bench.errors import RecordingError
 from imu_bench.metrology import allan
 from imu_bench.metrology.coefficients import fit, noise_density
 from imu_bench.metrology.rolling import RollingAnalysis
-from imu_bench.offline.analyse import analyse, cut, Settings
+from imu_bench.offline.analysis.recording import analyse, cut, Settings
 from imu_bench.samples import Samples
 import numpy as np
 import pytest

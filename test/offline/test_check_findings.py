@@ -3,8 +3,7 @@
 
 from dataclasses import replace
 
-from imu_bench.offline.analyse import analyse
-from imu_bench.offline.check_findings import axis_findings
+from imu_bench.offline.analysis.recording import analyse, axis_findings
 import numpy as np
 
 

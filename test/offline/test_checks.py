@@ -5,7 +5,7 @@ import json
 
 from imu_bench.metrology import allan
 from imu_bench.metrology.noise_fit import fitted
-from imu_bench.offline.checks import Checks, examine, Signal
+from imu_bench.offline.analysis.checks import Checks, examine, hear, Signal, slow_part
 import numpy as np
 import pytest
 
@@ -15,7 +15,9 @@ RATE_HZ = 100.0
 def check(x, valid=None):
     curve = allan.deviation(x, RATE_HZ, unit='rad/s', valid=valid)
     signal = Signal(x, valid, RATE_HZ, 'rad/s', 0.0)
-    found = examine(signal, curve, fitted(curve, 0.95), 0.95)
+    model, blocks = fitted(curve, 0.95), slow_part(signal)
+    heard = hear(model, signal, blocks, 0.95)
+    found = examine(signal, blocks, curve, model, heard, model, 0.95)
     document = json.loads(json.dumps(found.to_json(), allow_nan=False))
     assert Checks.from_json(document).to_json() == found.to_json()
     return found

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 from imu_bench import drivers
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.offline.analyse import analyse
-from imu_bench.offline.comparison import compare, labels, ratio
+from imu_bench.offline.analysis.recording import analyse
+from imu_bench.offline.comparing.sensors import compare, labels, ratio
 import pytest
 
 

@@ -6,9 +6,8 @@ import json
 
 from imu_bench.cli.main import main
 from imu_bench.errors import ConfigError
-from imu_bench.offline import datasheets
-from imu_bench.offline.analyse import analyse
-from imu_bench.offline.comparison import compare
+from imu_bench.offline.analysis.recording import analyse
+from imu_bench.offline.comparing.sensors import compare, read_datasheets
 import numpy as np
 import pytest
 
@@ -38,7 +37,7 @@ def result(recording_of, noise):
 def test_each_axis_has_its_verdict(sheet, result):
     density = result.axes['linear_acceleration.x'].white_density.value
     assert density == pytest.approx(DENSITY, rel=0.5)
-    found = compare([result], '', datasheets.read(sheet)).verdicts
+    found = compare([result], '', read_datasheets(sheet)).verdicts
     assert [verdict.source for verdict in found] == ['XY-100, table 2'] * 3
     assert [verdict.verdict for verdict in found][1:] == ['better', 'worse']
     assert compare([result]).verdicts == ()
@@ -46,7 +45,7 @@ def test_each_axis_has_its_verdict(sheet, result):
 
 def test_it_goes_before_the_driver(sheet, result):
     known = replace(result, topic='/bench/mpu9250/imu/data_raw', source='x.mcap')
-    sheets = {'mpu9250': datasheets.read(sheet)['night']}
+    sheets = {'mpu9250': read_datasheets(sheet)['night']}
     found = compare([known], '', sheets).verdicts
     assert {v.source for v in found if v.axis.startswith('linear')} == {'XY-100, table 2'}
     assert {v.source for v in found if v.axis.startswith('angular')} != {'XY-100, table 2'}
@@ -67,7 +66,7 @@ def test_bad_files(tmp_path, text, words):
     path = tmp_path / 'bad.yaml'
     path.write_text(text, encoding='utf-8')
     with pytest.raises(ConfigError) as caught:
-        datasheets.read(path)
+        read_datasheets(path)
     assert words in str(caught.value)
     assert '\n' not in str(caught.value)
 

@@ -8,9 +8,9 @@ from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.noise_model import gauss_markov_variance, GaussMarkov
 from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.metrology.noise_fit import fitted
-from imu_bench.offline import drift
-from imu_bench.offline.blocks import averages
-from imu_bench.offline.gauss_markov_result import Drift, DriftModel
+from imu_bench.offline.analysis import drift
+from imu_bench.offline.analysis.blocks import averages
+from imu_bench.offline.analysis.drift_models import Drift, DriftModel
 import numpy as np
 import pytest
 

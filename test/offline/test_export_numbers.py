@@ -5,9 +5,9 @@ from dataclasses import replace
 import math
 
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.offline.analyse import analyse
+from imu_bench.offline.analysis.recording import analyse
 from imu_bench.offline.exports.numbers import Numbers
-from imu_bench.samples import ANGULAR_VELOCITY, LINEAR_ACCELERATION
+from msg_conversions.quantities import ANGULAR_VELOCITY, LINEAR_ACCELERATION
 import pytest
 
 

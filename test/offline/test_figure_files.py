@@ -6,12 +6,11 @@ from importlib import util
 from xml.etree import ElementTree
 
 from imu_bench.errors import ConfigError
-from imu_bench.offline import figure_files
-from imu_bench.offline.analyse import analyse
-from imu_bench.offline.figure_files import draw
-from imu_bench.offline.figure_files.style import file_names, look, SUFFIXES
-from imu_bench.offline.figure_files.write import write
-from imu_bench.offline.results import Analysis
+from imu_bench.offline.analysis.recording import analyse
+from imu_bench.offline.analysis.results import Analysis
+from imu_bench.offline.presentation import analysis_figures, require_matplotlib
+from imu_bench.offline.presentation.figure_files import draw, look, SUFFIXES, write
+from imu_bench.offline.whole_files import file_names
 import matplotlib as mpl
 from matplotlib.text import Text
 import numpy as np
@@ -24,6 +23,11 @@ QUANTITIES = ('linear_acceleration', 'angular_velocity')
 @pytest.fixture(scope='module')
 def full(recording_of, noise):
     return analyse(recording_of(noise(1, n=4_000)))
+
+
+def together(recordings, labels):
+    """Return the Allan deviations of all gyroscopes in one figure."""
+    return dict(analysis_figures.of_all(recordings, labels, 'angular_velocity'))['allan']
 
 
 def only(recording, *names, **changes):
@@ -81,20 +85,20 @@ def test_the_same_results_give_the_same_files(written, again):
 def test_the_allan_figure_holds_the_measured_curve(full):
     axes = full.of('angular_velocity')
     with look():
-        ax = draw.allan(axes).axes[0]
+        ax = draw(analysis_figures.allan(axes, 'Gyroscope')).axes[0]
     curve = next(line for line in ax.get_lines() if line.get_label() == 'x')
     np.testing.assert_allclose(curve.get_xdata(), axes[0].allan.tau)
     ratio = np.asarray(curve.get_ydata()) / axes[0].allan.deviation
     assert np.ptp(ratio) < 1e-9 * ratio[0]
     assert ax.get_xscale() == ax.get_yscale() == 'log'
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ['x', 'y', 'z', '95 % interval', 'fit', 'its terms']
+    assert labels == ['x', 'y', 'z', 'fit', 'its terms', '95 % interval']
     assert 'm°/s' in ax.get_ylabel()
 
 
 def test_the_legend_of_all_sensors_has_a_dollar_sign_as_it_is(full):
     with look():
-        ax = draw.compare_allan([full, full], ['a$b$', 'c'], 'angular_velocity').axes[0]
+        ax = draw(together([full, full], ['a$b$', 'c'])).axes[0]
         ax.figure.canvas.draw()
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == ['a$b$', 'c', 'x', 'y', 'z']
@@ -108,7 +112,7 @@ def test_the_style_of_the_caller_is_left_alone(again):
 def test_letters_can_be_read_in_a_column(full):
     """Of 8 cm and of 16 cm: no letter below 5 points, none above 12; nothing is cut off."""
     with look():
-        figure = draw.compare_allan([full], ['sensor'], 'angular_velocity')
+        figure = draw(together([full], ['sensor']))
         figure.canvas.draw()
     width = 2.54 * figure.get_figwidth()
     texts = [text for text in figure.findobj(Text) if text.get_text() and text.get_visible()]
@@ -124,7 +128,10 @@ def test_letters_can_be_read_in_a_column(full):
 
 def test_legends_cover_no_data(full):
     with look():
-        figures = [draw.allan(full.of('angular_velocity')), draw.histogram(full.of(QUANTITIES[0]))]
+        figures = [
+            draw(analysis_figures.allan(full.of(QUANTITIES[1]), 'Gyroscope')),
+            draw(analysis_figures.histogram(full.of(QUANTITIES[0]), 'Accelerometer')),
+        ]
     for figure in figures:
         figure.canvas.draw()
         ax = figure.axes[0]
@@ -133,8 +140,8 @@ def test_legends_cover_no_data(full):
 
 def test_sensors_and_axes_differ_in_more_than_colour(full):
     with look():
-        ax = draw.compare_allan([full, full], ['a', 'b'], 'angular_velocity').axes[0]
-        single = draw.allan(full.of('angular_velocity')).axes[0]
+        ax = draw(together([full, full], ['a', 'b'])).axes[0]
+        single = draw(analysis_figures.allan(full.of('angular_velocity'), 'Gyroscope')).axes[0]
     looks = {(line.get_marker(), line.get_linestyle()) for line in ax.get_lines()}
     assert len(looks) == 6
     named = [line for line in single.get_lines() if line.get_label() in 'xyz']
@@ -166,4 +173,4 @@ def test_names_are_unique_and_safe():
 def test_without_matplotlib_one_line_says_what_to_do(monkeypatch):
     monkeypatch.setattr(util, 'find_spec', lambda name: None)
     with pytest.raises(ConfigError, match='pip install matplotlib'):
-        figure_files.require()
+        require_matplotlib()

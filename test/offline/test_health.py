@@ -291,6 +291,26 @@ class TestValues:
         samples = changed(noise(), 'acceleration', lambda a: a / 9.80665)
         assert 'look like g' in finding(health.check(recording_of(samples)), 'gravity').text
 
+    @pytest.mark.parametrize(
+        ('factor', 'severity'),
+        [(15_000.0, 'severe'), (1.25, 'severe'), (0.75, 'severe'), (1.17, 'warning'),
+         (0.83, 'warning'), (1.1, 'info')],
+    )  # fmt: skip
+    def test_a_wrong_scale_at_rest(self, recording_of, noise, factor, severity):
+        samples = changed(noise(), 'acceleration', lambda a: a * factor)
+        found = health.check(recording_of(samples)).findings
+        assert [f.severity for f in found if f.code.startswith('gravity')] == [severity]
+
+    def test_a_ride_differs_from_gravity_and_counts_do_all_the_same(self, recording_of, noise):
+        def ride(a):
+            return 1.4 * a + 8.0 * np.sin(np.arange(len(a)) / 200.0)[:, None]
+
+        rode = health.check(recording_of(changed(noise(), 'acceleration', ride)))
+        assert finding(rode, 'motion').severity == 'severe'
+        assert finding(rode, 'gravity').severity == 'warning'
+        counts = changed(noise(), 'acceleration', lambda a: 2048.0 * ride(a))
+        assert finding(health.check(recording_of(counts)), 'gravity').severity == 'severe'
+
     def test_gravity_removed_is_only_mentioned(self, recording_of, noise):
         samples = changed(noise(), 'acceleration', lambda a: a - [0, 0, 9.80665])
         found = health.check(recording_of(samples))

@@ -6,7 +6,7 @@ import json
 
 from imu_bench.metrology import allan
 from imu_bench.metrology.noise_fit import fitted
-from imu_bench.offline.metrology_json import model_from_json, model_to_json
+from imu_bench.offline.analysis.json_forms import model_from_json, model_to_json
 import numpy as np
 import pytest
 from scipy import signal

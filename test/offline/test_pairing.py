@@ -7,12 +7,12 @@ from dataclasses import replace
 import json
 
 from imu_bench.errors import RecordingError
-from imu_bench.offline.analyse import analyse
-from imu_bench.offline.comparison import labels
+from imu_bench.offline.analysis.pairing import halves, joined
+from imu_bench.offline.analysis.recording import analyse
+from imu_bench.offline.analysis.results import RecordingResult
+from imu_bench.offline.analysis.settings import Settings
+from imu_bench.offline.comparing.sensors import labels
 from imu_bench.offline.notation import rate_text
-from imu_bench.offline.pairing import halves, joined
-from imu_bench.offline.results import RecordingResult
-from imu_bench.offline.settings import Settings
 import numpy as np
 import pytest
 

@@ -6,9 +6,9 @@ import json
 
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.offline import results
-from imu_bench.offline.analyse import analyse, Settings
-from imu_bench.offline.results import Analysis, Failure
+from imu_bench.offline.analysis import results
+from imu_bench.offline.analysis.recording import analyse, Settings
+from imu_bench.offline.analysis.results import Analysis, Failure
 from imu_bench.samples import Samples
 import numpy as np
 import pytest

@@ -7,10 +7,10 @@ import tempfile
 
 from imu_bench.bags.compression import compress
 from imu_bench.errors import RecordingError
-from imu_bench.offline.analyse import analyse
+from imu_bench.offline.analysis.recording import analyse
+from imu_bench.offline.analysis.settings import Settings
 from imu_bench.offline.notation import number
 from imu_bench.offline.recordings import load, open_source, ReadOptions
-from imu_bench.offline.settings import Settings
 import numpy as np
 import pytest
 

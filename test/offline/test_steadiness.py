@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A change of the noise is found, its size is right, and steady noise raises no alarm."""
 
-from imu_bench.offline import steadiness
-from imu_bench.offline.steadiness import Steadiness
+from imu_bench.offline.analysis import steadiness
+from imu_bench.offline.analysis.steadiness import Steadiness
 import numpy as np
 import pytest
 

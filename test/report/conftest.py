@@ -5,8 +5,8 @@ from bokeh.core.serialization import Deserializer
 from bokeh.model import Model
 import bokeh.models
 import bokeh.plotting  # noqa: F401, figures are known once it is imported
+from imu_bench.offline.presentation.bokeh_models import document
 from imu_bench.offline.recordings import Recording
-from imu_bench.offline.report.models import document
 import pytest
 
 

@@ -5,10 +5,11 @@ from dataclasses import replace
 import math
 
 from imu_bench.metrology.allan import deviation
-from imu_bench.offline.analyse import analyse
-from imu_bench.offline.axis_result import AxisResult
+from imu_bench.offline.analysis.axis_result import AxisResult
+from imu_bench.offline.analysis.recording import analyse
 from imu_bench.offline.health.finding import Finding
-from imu_bench.offline.report.dead_reckoning import error_after, tables
+from imu_bench.offline.presentation.sensor_tables import errors
+from imu_bench.offline.presentation.uses import error_after
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
@@ -53,20 +54,20 @@ def test_between_averaging_times():
 
 def test_sensors_are_ranked_and_the_worst_axis_counts(result, monkeypatch):
     loud = replace(result, axes={name: _louder(axis) for name, axis in result.axes.items()})
-    angle, speed = tables([loud, result], ['loud', 'quiet'])
-    assert (angle.title, angle.unit) == ('Angle', '°')
-    assert (speed.title, speed.unit) == ('Speed', 'mm/s')
-    assert [row.label for row in angle.rows] == ['quiet', 'loud']
-    assert len(angle.times) == len(angle.rows[0].errors)
+    angle, speed = errors([loud, result], ['loud', 'quiet'])
+    assert (angle.title.split()[0], {c.unit for c in angle.columns[1:]}) == ('Angle', {'°'})
+    assert (speed.title.split()[0], {c.unit for c in speed.columns[1:]}) == ('Speed', {'mm/s'})
+    assert [row[0] for row in angle.rows] == ['quiet', 'loud']
+    assert [c.title for c in angle.columns[1:]] == ['1 s', '10 s']
     monkeypatch.setattr(AxisResult, 'shows_constants', False)
-    assert tables([result], ['piezo']) == []
+    assert errors([result], ['piezo']) == []
 
 
 def test_a_sensor_that_moved_has_no_error_at_rest(result):
     finding = Finding('severe', 'motion', 'it moved', '', '')
     moved = replace(result, health=replace(result.health, findings=(finding,)))
-    assert tables([moved], ['moved']) == []
-    assert [row.label for row in tables([moved, result], ['moved', 'still'])[0].rows] == ['still']
+    assert errors([moved], ['moved']) == []
+    assert [row[0] for row in errors([moved, result], ['moved', 'still'])[0].rows] == ['still']
 
 
 def _louder(axis):

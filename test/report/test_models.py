@@ -6,12 +6,19 @@ import re
 from types import SimpleNamespace
 
 from bokeh.models import Column, GlyphRenderer, HoverTool
-from imu_bench.offline.analyse import analyse
-from imu_bench.offline.plans.result import Image, PlanFigure, Series
-from imu_bench.offline.plotting import AXIS_COLOURS, SENSOR_COLOURS, series_colours
-from imu_bench.offline.report import checks_figures, figures, plan_figures
-from imu_bench.offline.report.chart import Chart
-from imu_bench.offline.report.models import columns, document, glyph, Model
+from imu_bench.offline.analysis.recording import analyse
+from imu_bench.offline.presentation import analysis_figures as figures
+from imu_bench.offline.presentation import page_figures
+from imu_bench.offline.presentation.bokeh_models import columns, document, glyph, Model
+from imu_bench.offline.presentation.figure import (
+    AXIS_COLOURS,
+    coloured,
+    Figure,
+    Image,
+    SENSOR_COLOURS,
+    Series,
+    series_colours,
+)
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
@@ -28,6 +35,11 @@ def result(recorded):
     return analyse(recorded(Samples(stamps, angular_velocity=gyro)))
 
 
+def drawn(figure):
+    """Return a figure as the page has it."""
+    return page_figures.draw(figure, coloured([figure])[0])
+
+
 @pytest.fixture(scope='module')
 def axes(result):
     return result.of('angular_velocity')
@@ -36,19 +48,19 @@ def axes(result):
 @pytest.mark.parametrize(
     ('draw', 'kinds'),
     [
-        (figures.allan, {'VArea', 'Line', 'Scatter', 'MultiLine'}),
+        (figures.allan, {'VArea', 'Line', 'Scatter', 'Text'}),
         (figures.spectrum, {'Line', 'Scatter', 'Text'}),
         (figures.histogram, {'Quad', 'Line'}),
     ],
 )
 def test_figures_of_axes(axes, read_by_bokeh, draw, kinds):
-    figure = read_by_bokeh(draw(axes))
-    assert {type(drawn.glyph).__name__ for drawn in figure.renderers} == kinds
+    figure = read_by_bokeh(drawn(draw(axes, 'Signal')))
+    assert {type(one.glyph).__name__ for one in figure.renderers} == kinds
     _columns_are_there(figure.renderers)
 
 
 def test_strips_share_their_time(axes, result, read_by_bokeh):
-    column = read_by_bokeh(figures.time_series(axes, result))
+    column = read_by_bokeh(drawn(figures.time_series(axes, result, 'Signal')))
     assert isinstance(column, Column)
     assert len({strip.x_range.id for strip in column.children}) == 1
     assert [strip.xaxis[0].visible for strip in column.children] == [False, False, True]
@@ -57,15 +69,18 @@ def test_strips_share_their_time(axes, result, read_by_bokeh):
 
 
 def test_figures_of_a_recording(axes, result, read_by_bokeh):
-    _columns_are_there(read_by_bokeh(figures.intervals(result)).renderers)
-    _columns_are_there(read_by_bokeh(checks_figures.noise_over_time(axes, result)).renderers)
+    _columns_are_there(read_by_bokeh(drawn(figures.intervals(result))).renderers)
+    changing = drawn(figures.noise_over_time(axes, result, 'Signal'))
+    _columns_are_there(read_by_bokeh(changing).renderers)
 
 
 def test_figures_of_several(result, read_by_bokeh):
     other = replace(result, topic='/other')
     arguments = ([result, other], ['one', 'other'], 'angular_velocity')
-    for draw in (figures.compare_allan, figures.compare_spectrum):
-        found = read_by_bokeh(draw(*arguments))
+    described = dict(figures.of_all(*arguments))
+    assert list(described) == ['allan', 'spectrum']
+    for figure in described.values():
+        found = read_by_bokeh(drawn(figure))
         assert [item.label.value for item in found.legend[0].items] == ['one', 'other']
         _columns_are_there(found.renderers)
 
@@ -75,8 +90,8 @@ def test_figures_of_plans(read_by_bokeh):
     kinds = ('line', 'step', 'points', 'bars')
     series = tuple(Series(kind, x, x, kind=kind, low=x - 1, high=x + 1) for kind in kinds)
     found = read_by_bokeh(
-        plan_figures.draw(
-            PlanFigure('all', 'sensor', 'level in mg', series, categories=('a', 'b', 'c')),
+        page_figures.draw(
+            Figure('all', 'sensor', 'level in mg', series, categories=('a', 'b', 'c')),
             SENSOR_COLOURS[:4],
         )
     )
@@ -86,15 +101,15 @@ def test_figures_of_plans(read_by_bokeh):
     assert len(tips) == len(kinds)
     assert all(tip['level in mg'] == '@y{%.5g}' and tip['sensor'] == '@category' for tip in tips)
     image = Image(np.array([[1.0, np.nan], [2.0, 3.0]]), (0.0, 1.0), (0.0, 2.0), 'level')
-    found = read_by_bokeh(plan_figures.draw(PlanFigure('map', 'x', 'y', (), image=image), ()))
+    found = read_by_bokeh(page_figures.draw(Figure('map', 'x', 'y', (), image=image), ()))
     _columns_are_there(found.renderers)
     assert found.right[0].color_mapper is found.renderers[0].glyph.color_mapper
 
 
 def test_a_long_line_of_a_plan_can_be_pointed_at(read_by_bokeh):
     x = np.arange(1000.0)
-    figure = PlanFigure('long', 'time in s', 'speed in m/s', (Series('a', x, x),))
-    found = read_by_bokeh(plan_figures.draw(figure, ['#123456']))
+    figure = Figure('long', 'time in s', 'speed in m/s', (Series('a', x, x),))
+    found = read_by_bokeh(page_figures.draw(figure, ['#123456']))
     (tool,) = [tool for tool in found.toolbar.tools if isinstance(tool, HoverTool)]
     assert tool.formatters == {'@x': 'printf', '@y': 'printf'}
     assert [renderer.glyph.line_color for renderer in tool.renderers] == ['#123456']
@@ -102,17 +117,17 @@ def test_a_long_line_of_a_plan_can_be_pointed_at(read_by_bokeh):
 
 def test_every_number_under_the_pointer_is_formatted_and_has_a_unit(axes, result, read_by_bokeh):
     for figure in (
-        figures.allan(axes),
-        figures.spectrum(axes),
-        figures.histogram(axes),
+        figures.allan(axes, 'Signal'),
+        figures.spectrum(axes, 'Signal'),
+        figures.histogram(axes, 'Signal'),
         figures.intervals(result),
     ):
-        found = read_by_bokeh(figure)
+        found = read_by_bokeh(drawn(figure))
         tools = [tool for tool in found.toolbar.tools if isinstance(tool, HoverTool)]
         assert tools
         for tool in tools:
-            for _, shown in tool.tooltips:
-                assert re.search(r'@\w+\{%\.\dg\}$', shown) is None, shown
+            for name, shown in tool.tooltips:
+                assert '{' not in shown or re.search(r' in (%|\S+)|%', name), (name, shown)
             fields = set(re.findall(r'@\w+(?=\{%)', ' '.join(text for _, text in tool.tooltips)))
             assert fields == set(tool.formatters)
 
@@ -127,11 +142,10 @@ def test_a_sensor_has_one_colour_on_a_page():
 
 
 def test_numbers_are_in_single_precision(read_by_bokeh):
-    chart = Chart('x', 'y')
-    chart.line(columns(x=[1.0, 2.0], y=[0.1, np.nan], word=['a', 'b']), 'x', 'y', 'line')
-    data = read_by_bokeh(chart.finish()).renderers[0].data_source.data
+    line = Series('line', np.array([1.0, 2.0]), np.array([0.1, np.nan]), words=('a', 'b'))
+    data = read_by_bokeh(drawn(Figure('', 'x', 'y', (line,)))).renderers[0].data_source.data
     assert data['y'].dtype == np.float32
-    assert data['word'] == ['a', 'b']
+    assert data['words'] == ['a', 'b']
     assert np.isnan(data['y'][1])
 
 

@@ -2,12 +2,21 @@
 """The first sentences of the report: which sensor is best, and what it cannot do."""
 
 from dataclasses import replace
+import re
 
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.offline import comparison
-from imu_bench.offline.analyse import analyse
-from imu_bench.offline.report import campaign_page, summary, text
-from imu_bench.offline.results import Analysis, Failure, RecordingResult
+from imu_bench.offline.analysis.recording import analyse
+from imu_bench.offline.analysis.results import Analysis, Failure, RecordingResult
+from imu_bench.offline.comparing import sensors
+from imu_bench.offline.health import Finding
+from imu_bench.offline.presentation import (
+    axis_tables,
+    pages,
+    sensor_tables,
+    sentences,
+    uses,
+)
+from imu_bench.offline.presentation.tables import cells
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
@@ -46,46 +55,68 @@ def blocking(analysed):
 
 
 def said(*recordings, failures=()):
-    return ' '.join(
-        summary.sentences(Analysis(recordings, failures), comparison.compare(recordings))
-    )
+    return ' '.join(sentences.of_all(Analysis(recordings, failures), sensors.compare(recordings)))
 
 
-def with_b(recording, *sizes):
-    axes = {
-        name: replace(axis, model=replace(axis.model, B=b))
-        for (name, axis), b in zip(recording.axes.items(), sizes, strict=True)
-    }
-    return replace(recording, axes=axes)
+def test_every_ratio_has_an_interval(analysed, quiet, loud):
+    loudest = analysed('/loudest', np.random.default_rng(4).normal(0.0, 9e-3, (20_000, 3)))
+    assert re.search(r', loudest 9\.\d+ ± 0\.\d+ times', said(quiet, loud, loudest))
 
 
-def test_the_quietest_has_its_interval(quiet, loud):
+def test_the_sentences_speak_si_where_asked(quiet):
+    results = Analysis((quiet,)), sensors.compare((quiet,))
+    spoken = ' '.join(sentences.of_all(*results, si=True))
+    assert 'rad/s/√Hz' in spoken and '°' not in spoken
+    assert '°' in ' '.join(sentences.of_all(*results))
+
+
+def test_the_best_for_filters_has_its_interval(quiet, loud):
     words = said(quiet, loud)
-    assert 'Quietest gyroscope: quiet with ' in words
-    assert '±' in words.partition('Quietest gyroscope')[2].partition(';')[0]
-    assert 'loud has 3.0 times as much' in words
+    best = words.partition('VIO and filters: quiet is best, gyroscope noise of ')[2]
+    assert '±' in best.partition(';')[0]
+    assert re.match(r'[^;]*; loud has (3\.0|2\.9)\d* ± 0\.\d+ times as much\.', best), best
     assert 'told apart' not in words
 
 
 def test_two_that_are_alike_are_not_ranked(quiet, loud):
     twin = replace(quiet, topic='/twin')
-    assert 'quiet with' in said(quiet, twin)
-    assert 'not told apart from twin.' in said(quiet, twin)
-    assert 'not told apart from twin; loud has' in said(quiet, twin, loud)
+    assert 'VIO and filters: the data cannot tell the 2 sensors apart' in said(quiet, twin)
+    assert 'quiet is best (not told apart from twin)' in said(quiet, twin, loud)
 
 
-def test_the_steadiest_is_named_by_its_worst_axis(quiet, loud):
-    small, large = (Estimate(size, 0.9 * size, 1.1 * size, 'rad/s') for size in (1e-6, 1e-4))
-    bound = Estimate.not_observable('rad/s', 'too short', high=1e-5)
-    words = said(with_b(quiet, small, small, large), with_b(loud, small, bound, small))
-    assert 'Least bias instability of the gyroscopes: loud, below 2.1 °/h on its worst' in words
-    assert 'Least bias' not in said(quiet)
-    wide = Estimate.not_observable('rad/s', 'too short', high=2e-5)
-    unknown = with_b(replace(quiet, topic='/short'), wide, wide, wide)
-    assert 'not told apart from short.' in said(
-        with_b(quiet, small, small, large), with_b(loud, small, bound, small), unknown
-    )
-    assert 'Least bias' not in said(unknown, with_b(loud, bound, bound, bound))
+def test_dead_reckoning_is_of_the_worst_axis_after_the_longest_common_time(quiet, loud):
+    """White noise n of one axis has an angle off by n √(2t) if the bias is a mean as long."""
+    words = said(quiet, loud)
+    found = re.search(r'Dead reckoning: quiet is best, angle off by ([\d.]+)[^;]*° after (\S+) ',
+                      words + ' ')  # fmt: skip
+    assert found, words
+    seconds = {'10': 10.0, '1': 60.0}[found[2]]
+    expected = np.degrees(1e-3 / np.sqrt(RATE_HZ) * np.sqrt(2.0 * seconds))
+    assert float(found[1]) == pytest.approx(expected, rel=0.35)
+
+
+def test_what_a_severe_finding_casts_doubt_on_is_no_answer(quiet, loud):
+    moved = Finding('severe', 'motion', 'It moved.', 'All of it.', 'Record again.')
+
+    def doubted(recording):
+        return replace(recording, health=replace(recording.health, findings=(moved,)))
+
+    assert 'loud, gyroscope noise of' in said(doubted(quiet), loud)
+    words = said(doubted(quiet), doubted(loud))
+    assert 'the data cannot tell: every recording has severe findings (motion)' in words
+    assert 'VIO and filters' not in words and 'Dead reckoning' not in words
+    page = pages.render_report(Analysis((doubted(quiet), loud)))
+    assert '>quiet †<' in page and 'The recording has severe findings' in page
+
+
+def test_numbers_for_the_filter_are_those_of_the_export(quiet, loud):
+    tables = uses.filter_numbers({'quiet': quiet, 'loud': loud})
+    # of white noise of 1 mrad/s at 100 Hz: 1e-4 rad/s/√Hz
+    (_, white, walk, *_), _ = cells(tables[0])
+    assert white.text == '9.96×10⁻⁵'  # drawn with 1e-4
+    assert walk.text.startswith('< ')
+    keys = [cell.text for row in cells(tables[1]) for cell in row]
+    assert {'gyroscope_noise_density', 'IMU.GyroWalk', 'acc_w'} <= set(keys)
 
 
 def test_a_high_pass_is_seen(quiet, loud, blocking):
@@ -93,13 +124,16 @@ def test_a_high_pass_is_seen(quiet, loud, blocking):
     assert not any(axis.shows_constants for axis in blocking.axes.values())
     words = said(blocking, quiet)
     assert 'blocking: the gyroscope shows no constant signal' in words
-    assert 'Least bias' not in words
-    assert 'no constant signal' in text.sensor_words(blocking)[0]
-    (ranking,) = text.rankings(Analysis((blocking, quiet)), comparison.compare((blocking, quiet)))
-    rows = {row.label: row for row in ranking.rows}
-    assert rows['blocking'].bias.shown == rows['blocking'].walk.shown == '–'
-    assert rows['quiet'].bias.shown != '–'
-    assert rows['quiet'].density.spread.startswith('± ')
+    assert 'Dead reckoning: quiet, ' in words
+    assert 'no constant signal' in sentences.of_sensor(blocking)[0]
+    two = (blocking, quiet)
+    (ranking,) = sensor_tables.rankings(two, sensors.compare(two), 0.95)
+    titles = [column.title for column in ranking.columns]
+    assert titles[4:6] == ['Bias instability B', 'Rate random walk K']
+    rows = {row[0].text: row for row in cells(ranking)}
+    assert [cell.text for cell in rows['blocking'][4:6]] == ['–', '–']
+    assert rows['quiet'][4].text != '–'
+    assert rows['quiet'][2].small[0].startswith('± ')
 
 
 def test_inputs_that_failed_are_in_the_first_sentence(quiet):
@@ -109,15 +143,15 @@ def test_inputs_that_failed_are_in_the_first_sentence(quiet):
 
 def test_behind_a_high_pass_no_coefficient_is_smaller_than_the_noise(blocking):
     axes = blocking.of('angular_velocity')
-    density, n, b, k = text.coefficient_columns(axes)[:4]
-    assert all('±' in cell.shown or '(' in cell.shown for cell in density.cells)
-    assert {cell.shown for column in (n, b, k) for cell in column.cells} == {'–'}
-    assert text.fit_remarks(axes) == [f'x, y, z – {text.NO_CONSTANTS}.']
+    rows = cells(axis_tables.coefficients(axes))
+    assert all('±' in row[1].text or '(' in row[1].text for row in rows)
+    assert {cell.text for row in rows for cell in row[2:5]} == {'–'}
+    assert sentences.fit_remarks(axes) == [f'x, y, z – {sentences.NO_CONSTANTS}.']
 
 
 def test_the_page_of_a_campaign_says_what_is_lost_and_carries_no_library(tmp_path):
-    chapters = [campaign_page.Chapter('tilt', 'Tilt', 'inclination', failure='no steps')]
-    campaign_page.write('A bench', chapters, tmp_path / 'index.html')
+    chapters = [pages.Chapter('tilt', 'Tilt', 'inclination', failure='no steps')]
+    pages.write_campaign('A bench', chapters, tmp_path / 'index.html')
     page = (tmp_path / 'index.html').read_text(encoding='utf-8')
     assert '1 test; no result of Tilt.' in page
     assert '<script' not in page
@@ -150,10 +184,13 @@ def test_a_small_n_behind_a_high_pass_does_not_win(quiet, blocking):
         assert axis.to_json()['coefficients']['N']['value'] is None
     again = RecordingResult.from_json(found.to_json())
     assert again.to_json() == found.to_json()
-    standings = comparison.compare((found,)).standings['angular_velocity']
+    standings = sensors.compare((found,)).standings['angular_velocity']
     assert standings[0].noise_density.value > 1e-5
-    shown = text.coefficient_columns(found.of('angular_velocity'))[0].cells[0].shown
-    assert shown == text.coefficient_columns(blocking.of('angular_velocity'))[0].cells[0].shown
+    shown, other = (
+        cells(axis_tables.coefficients(r.of('angular_velocity')))[0][1].text
+        for r in (found, blocking)
+    )
+    assert shown == other
     # where constants are seen a small N is just a good sensor
     good = with_tiny_n(quiet, quiet.axes).axes['angular_velocity.x']
     assert good.white_density is good.noise_density

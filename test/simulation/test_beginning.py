@@ -4,10 +4,10 @@
 from imu_bench import bench
 from imu_bench.config import sensor_from_parameters
 from imu_bench.config.beginning import Beginning
-from imu_bench.simulation.beginning import Later
 from imu_bench.simulation.clock import SimulatedClock
 from imu_bench.simulation.motion import Mounted
 from imu_bench.simulation.scenario import load_scenario
+from imu_bench.simulation.world import Later
 import numpy as np
 import pytest
 

@@ -14,8 +14,8 @@ from imu_bench.errors import RecordingError
 from imu_bench.samples import Samples
 from imu_bench.simulation import recording
 from imu_bench.simulation.clock import START_NS
+from imu_bench.simulation.recording import TRANSPORT_NS
 from imu_bench.simulation.scenario import load_scenario
-from imu_bench.simulation.topics import TRANSPORT_NS
 from msg_conversions import reading
 import numpy as np
 import pytest

@@ -132,6 +132,7 @@ def test_an_unknown_scenario_lists_those_there_are():
     [
         ({'motions': 'sine'}, 'no list'),
         ({'motions': ['sine']}, 'no entry like'),
+        ({'motions': [{'sine': 7}]}, 'sine: 7 is no mapping of settings'),
         ({'motions': [{'shake': {}}]}, "no motion 'shake'"),
         ({'motions': [{'sine': {}}]}, 'amplitude: missing'),
         ({'motions': [{'tilt_steps': {'step': '1 °', 'axis': 'z'}}]}, 'z is not allowed'),

@@ -112,11 +112,23 @@ def test_the_files_of_the_twins_can_be_loaded(tmp_path):
     ('text', 'message'),
     [
         ('{', 'not a JSON document'),
+        ('[' * 100_000, 'not a JSON document'),
         ('[]', 'not a result'),
         ('{"schema": "other/2"}', "schema 'other/2'"),
         ('{"schema": "imu_bench.analysis/1"}', 'missing'),
         ('{"schema": "imu_bench.analysis/1", "recordings": [{}]}', 'missing'),
         ('{"schema": "imu_bench.analysis/1", "recordings": []}', 'no recording'),
+        (
+            json.dumps(
+                {
+                    'schema': 'imu_bench.analysis/1',
+                    'recordings': [
+                        {'topic': '/imu', 'health': {'rate': {'value': 'fast'}}, 'axes': {}}
+                    ],
+                }
+            ),
+            'could not convert',
+        ),
     ],
 )
 def test_a_file_that_is_no_result_is_one_clear_line(tmp_path, text, message):

@@ -15,14 +15,14 @@ from imu_bench.drivers import load
 from imu_bench.errors import BenchError
 import numpy as np
 
-PATIENCE_S = 30.0
+PATIENCE_S = 300.0
 
 
 def main(name, device, address, samples):
     """Read until there are so many samples."""
     driver = load(name)
     clock = SystemClock()
-    buses = open_bus(device, driver.wiring, driver.bus_kinds, int(address, 16) or None)
+    buses = open_bus(device, driver.wiring, driver.bus_kinds, address=int(address, 16) or None)
     acquisition = Acquisition(driver(buses, clock, {}), clock, name=name)
     part = acquisition.prepare()
     acquisition.start()

@@ -3,25 +3,18 @@
 
 import signal
 import time
-import warnings
 
 from imu_bench.drivers import load
 import pytest
-
-with warnings.catch_warnings():
-    # the first serialisation of rclpy imports a parser that uses a deprecated module
-    warnings.simplefilter('ignore', DeprecationWarning)
-    import rosidl_generator_py  # noqa: F401, imported for its warning
-
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Imu
 
-pytestmark = [pytest.mark.slow, pytest.mark.ros, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.ros]
 
-PATIENCE_S = 30.0
+PATIENCE_S = 300.0
 
 
 @pytest.fixture(scope='module')
@@ -60,7 +53,7 @@ def test_the_node_runs_on_hardware(desk, listen, place):
         heard = listen(f'{space}/imu/data_raw', 20) if 'INFO' in said else []
     finally:
         process.send_signal(signal.SIGINT)
-        rest, _ = process.communicate(timeout=30)
+        rest, _ = process.communicate()
     assert f'hardware {driver} {device}' in said, said + rest
     assert load(driver).title.split()[-1] in said
     assert (process.returncode, rest) == (0, '')

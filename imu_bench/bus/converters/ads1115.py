@@ -61,8 +61,6 @@ class Ads1115(Converter):
         As for `Converter`.
     registers : Registers
         On that wire.
-    input_name : str
-    range_v : float
     """
 
     part = PART

@@ -16,22 +16,11 @@ _T = TypeVar('_T')
 
 
 class Reading(NamedTuple):
-    """
-    What a converter gives.
+    """What a converter gives."""
 
-    Attributes
-    ----------
-    stamps : ndarray of int64, shape (n,)
-        First guess of the times of measurement.
-    words : ndarray, shape (n,)
-        As they came over the wire.
-    lost : bool
-        Samples were lost, or the settings: it has to be started again.
-    """
-
-    stamps: np.ndarray = np.empty(0, dtype=np.int64)
-    words: np.ndarray = np.empty(0)
-    lost: bool = False
+    stamps: np.ndarray = np.empty(0, dtype=np.int64)  # first guess of the times of measurement
+    words: np.ndarray = np.empty(0)  # as they came over the wire
+    lost: bool = False  # samples were lost, or the settings: it has to be started again
 
 
 class Converter(ABC):
@@ -41,7 +30,6 @@ class Converter(ABC):
     Parameters
     ----------
     wire : RegisterBus, FrameBus or DaqBoard
-    clock : Clock
     counters : Counter
         Counts 'bus_errors' and what the converter has of its own.
     rate_hz : float

@@ -23,7 +23,13 @@ CHANNELS = 2
 DELAY_SAMPLES, DELAY_S = 39, 4.5e-6  # ES: of the filter
 SETTLING_S = 2.04  # ten times the 0.204 s of its 0.78 Hz high-pass
 SYNCHRONISING_S = 5.0  # ES: 128 samples, 0.64 s at the lowest rate
-POLL_S = 0.05
+BLOCK_S = 0.1
+"""
+In blocks so long, or a little longer, samples come from the board, and at high rates in shorter
+ones: the library's thread looks now and then and takes what there is (mccdaq/daqhats,
+lib/mcc172.c, commit 41d49e5a: read_threshold).
+"""
+POLL_S = BLOCK_S / 4
 
 
 class Mcc172(Converter):
@@ -60,10 +66,11 @@ class Mcc172(Converter):
             raise self.refused('input', channel, '0, 1')
         self._channel = channel
         self._supply = supply
+        self._block_ns = 0
 
     @property
     def poll_period_s(self) -> float:
-        """Return a small part of the board's buffer."""
+        """Return a part of a block."""
         return POLL_S
 
     def checked_rate(self, rate_hz: float) -> float:
@@ -107,11 +114,20 @@ class Mcc172(Converter):
     def start(self) -> None:
         """Start the scan."""
         self.counted(self.wire.start, self._channel)
+        self._block_ns = self.clock.now_ns()
 
     def read(self) -> Reading:
-        """Return what the board has converted; nothing after an overrun, which leaves a gap."""
-        scan = self.counted(self.wire.scan)
+        """
+        Return what the board has converted; nothing after an overrun, which leaves a gap.
+
+        A block that is due is waited for: how old it is when it is found would be wrong in the
+        stamps.
+        """
+        due = self.clock.now_ns() - self._block_ns > (BLOCK_S - POLL_S) * 1e9
+        scan = self.counted(self.wire.scan, POLL_S if due else 0.0)
         now = self.clock.now_ns()
+        if len(scan.codes):
+            self._block_ns = now
         self.counters['hardware_overruns'] += scan.hardware_overrun
         self.counters['buffer_overruns'] += scan.buffer_overrun
         if scan.hardware_overrun or scan.buffer_overrun or not scan.running:

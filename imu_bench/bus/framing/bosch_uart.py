@@ -48,26 +48,12 @@ class Answer(NamedTuple):
 
 
 def encode_read(register: int, length: int) -> bytes:
-    """
-    Return the command that reads registers.
-
-    Examples
-    --------
-    >>> encode_read(0x08, 18).hex(' ')
-    'aa 01 08 12'
-    """
+    """Return the command that reads registers."""
     return bytes([START, READ, register, _checked(length)])
 
 
 def encode_write(register: int, data: bytes) -> bytes:
-    """
-    Return the command that writes registers.
-
-    Examples
-    --------
-    >>> encode_write(0x3D, bytes([0x0C])).hex(' ')
-    'aa 00 3d 01 0c'
-    """
+    """Return the command that writes registers."""
     return bytes([START, WRITE, register, _checked(len(data))]) + data
 
 
@@ -78,27 +64,10 @@ def _checked(length: int) -> int:
 
 
 class Decoder:
-    """
-    Answers out of a stream of bytes; what is incomplete is kept for the next call.
-
-    Attributes
-    ----------
-    garbage : int
-        Bytes that belong to no answer.
-
-    Examples
-    --------
-    >>> decoder = Decoder()
-    >>> decoder.feed(bytes.fromhex('00 bb 02 41'))
-    []
-    >>> decoder.feed(bytes.fromhex('42 ee 07'))
-    [Answer(data=b'AB', code=1), Answer(data=None, code=7)]
-    >>> decoder.garbage
-    1
-    """
+    """Answers out of a stream of bytes; what is incomplete is kept for the next call."""
 
     def __init__(self) -> None:
-        self.garbage = 0
+        self.garbage = 0  # bytes that belong to no answer
         self._tail = b''
 
     def feed(self, data: bytes) -> list[Answer]:

@@ -16,35 +16,12 @@ _START, _SINGLE_ENDED, _NULL = 0x04, 0x02, 0x10
 
 
 def request(channel: int) -> bytes:
-    """
-    Return the frame that converts an input against ground.
-
-    Examples
-    --------
-    >>> request(0).hex(), request(3).hex(), request(7).hex()
-    ('0600000000', '06c0000000', '07c0000000')
-    """
+    """Return the frame that converts an input against ground."""
     return bytes([_START | _SINGLE_ENDED | channel >> 2, (channel & 3) << 6, 0, 0, 0])
 
 
 def code(answer: bytes) -> int:
-    """
-    Return the code in an answer; the bits before the null bit mean nothing.
-
-    Raises
-    ------
-    NoAnswer
-        If the null bit is one: nothing drives the line.
-    ChecksumError
-        If the code sent backwards is another one, or something but zeros follows.
-    FrameError
-        If it is not five bytes.
-
-    Examples
-    --------
-    >>> code(bytes.fromhex('ffe87c7c20'))
-    2172
-    """
+    """Return the code in an answer; the bits before the null bit mean nothing."""
     if len(answer) != FRAME_BYTES:
         raise FrameError(f'a conversion has {FRAME_BYTES} bytes, this one {len(answer)}')
     if answer[1] & _NULL:

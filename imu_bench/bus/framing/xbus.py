@@ -128,13 +128,6 @@ class Decoder:
     After a wrong checksum the search goes on one byte later, because a preamble may stand
     anywhere in the data.
 
-    Attributes
-    ----------
-    checksum_errors : int
-        Frames that arrived whole and wrong.
-    garbage : int
-        Bytes that belong to no message.
-
     Examples
     --------
     >>> decoder = Decoder()
@@ -145,8 +138,8 @@ class Decoder:
     """
 
     def __init__(self) -> None:
-        self.checksum_errors = 0
-        self.garbage = 0
+        self.checksum_errors = 0  # frames that arrived whole and wrong
+        self.garbage = 0  # bytes that belong to no message
         self._tail = b''
 
     @property

@@ -25,31 +25,16 @@ TICK_NS = 1_000_000_000 // TICKS_PER_S
 
 
 class Counted(NamedTuple):
-    """
-    What the counters of some frames say.
+    """What the counters of some frames say."""
 
-    Attributes
-    ----------
-    missing : ndarray of int64, shape (n,)
-        Frames that are missing before each; of those up to a jump.
-    ages_ns : ndarray of int64, shape (n,)
-        How much earlier than the last of them each was sampled.
-    jumped : bool
-        Counter and clock contradict each other after these: the device began anew.
-    """
-
-    missing: npt.NDArray[np.int64]
-    ages_ns: npt.NDArray[np.int64]
-    jumped: bool
+    missing: npt.NDArray[np.int64]  # frames that are missing before each; of those up to a jump
+    ages_ns: npt.NDArray[np.int64]  # how much earlier than the last of them each was sampled
+    jumped: bool  # counter and clock contradict each other after these: the device began anew
 
 
 class FrameCounter:
     """
     Follows the counters from frame to frame.
-
-    Parameters
-    ----------
-    rate_hz : float
 
     Examples
     --------

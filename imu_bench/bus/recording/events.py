@@ -49,59 +49,33 @@ class Kind(IntEnum):
     START = 12
     SCAN = 13
     STOP = 14
+    EDGES = 15
+    DRIVE = 16
 
 
 _NUMBERS = frozenset(Kind)
 
 
 class Event(NamedTuple):
-    """
-    One event.
+    """One event."""
 
-    Attributes
-    ----------
-    kind : int
-        Of `Kind`.
-    part : int
-        Number of the die.
-    request, answer : bytes
-        Of a reading of the clock there are none.
-    failed : bool
-        The answer is an error.
-    time_ns : int
-        Of a reading of the clock.
-    """
-
-    kind: int
-    part: int = 0
+    kind: int  # of `Kind`
+    part: int = 0  # number of the die
+    # request, answer: of a reading of the clock there are none
     request: bytes = b''
     answer: bytes = b''
-    failed: bool = False
-    time_ns: int = 0
+    failed: bool = False  # the answer is an error
+    time_ns: int = 0  # of a reading of the clock
 
 
 def packed_error(error: BenchError) -> bytes:
-    r"""
-    Return an error as an answer; of one that is not in the tree, the nearest that is.
-
-    Examples
-    --------
-    >>> packed_error(errors.NoAnswer('i2c-1 0x68: nothing answers'))
-    b'NoAnswer\ni2c-1 0x68: nothing answers'
-    """
+    """Return an error as an answer; of one that is not in the tree, the nearest that is."""
     name = next(kind.__name__ for kind in type(error).__mro__ if kind in _ERRORS.values())
     return f'{name}\n{error}'.encode()
 
 
 def unpacked_error(answer: bytes) -> BenchError:
-    """
-    Return the error that an answer is.
-
-    Raises
-    ------
-    RecordingError
-        If there is no such error.
-    """
+    """Return the error that an answer is."""
     name, _, text = answer.decode(errors='replace').partition('\n')
     if name not in _ERRORS:
         raise RecordingError(f'holds an error {name!r}, which this version does not have')
@@ -109,19 +83,7 @@ def unpacked_error(answer: bytes) -> BenchError:
 
 
 def unpack(block: bytes) -> Iterator[Event]:
-    """
-    Yield the events of a block.
-
-    Raises
-    ------
-    RecordingError
-        If it does not hold whole events.
-
-    Examples
-    --------
-    >>> list(unpack(CLOCK.pack(Kind.TIME, 7)))[0].time_ns
-    7
-    """
+    """Yield the events of a block."""
     at, end = 0, len(block)
     while at < end:
         try:
@@ -142,16 +104,7 @@ def unpack(block: bytes) -> Iterator[Event]:
 
 
 def spoken(kind: int, part: str, request: bytes) -> str:
-    """
-    Return a request in words.
-
-    Examples
-    --------
-    >>> spoken(Kind.READ, '', REGISTER.pack(0x75, 1))
-    'read 1 bytes from register 0x75'
-    >>> spoken(Kind.WRITE, 'AK8963', REGISTER.pack(0x0A, 1) + bytes([0x16]))
-    'write 16 to register 0x0A of AK8963'
-    """
+    """Return a request in words."""
     where = f' of {part}' if part else ''
     if kind in (Kind.READ, Kind.WRITE) and len(request) >= REGISTER.size:
         register, length = REGISTER.unpack_from(request)

@@ -38,51 +38,23 @@ _CHUNK = 1 << 20
 
 @dataclass(frozen=True)
 class WireHead:
-    """
-    One wire as it was when recording began.
+    """One wire as it was when recording began."""
 
-    Attributes
-    ----------
-    part : str
-        Name of the die; the main one is ''.
-    kind : str
-        'registers', 'frames', 'stream' or 'board'.
-    name : str
-        Device and address, as in error texts.
-    baud : int
-        Of a stream.
-    """
-
-    part: str
-    kind: str
-    name: str
-    baud: int = 0
+    part: str  # name of the die; the main one is ''
+    kind: str  # 'registers', 'frames', 'stream' or 'board'
+    name: str  # device and address, as in error texts
+    baud: int = 0  # of a stream
 
 
 @dataclass(frozen=True)
 class Head:
-    """
-    What was recorded.
-
-    Attributes
-    ----------
-    driver : str
-    settings : mapping
-        The driver's own, all of them.
-    label : str
-        What stood behind the sensor: 'hardware mpu9250 i2c-1 0x68', 'emulated mpu9250'.
-    version : str
-        Of imu_bench.
-    begun : str
-        When, UTC, ISO 8601.
-    wires : tuple of WireHead
-    """
+    """What was recorded."""
 
     driver: str
-    settings: Mapping[str, Any]
-    label: str
-    version: str
-    begun: str
+    settings: Mapping[str, Any]  # the driver's own, all of them
+    label: str  # what stood behind the sensor: 'hardware mpu9250 i2c-1 0x68', 'emulated mpu9250'
+    version: str  # of imu_bench
+    begun: str  # when, UTC, ISO 8601
     wires: tuple[WireHead, ...]
 
     @property
@@ -110,13 +82,7 @@ class Head:
         }
 
     def check(self, driver: str, settings: Mapping[str, Any]) -> None:
-        """
-        Refuse what cannot be played with such a driver and such settings.
-
-        Raises
-        ------
-        RecordingError
-        """
+        """Refuse what cannot be played with such a driver and such settings."""
         found = self.differences(driver, settings)
         if found:
             listed = '; '.join(f'{name}: {text}' for name, text in found.items())
@@ -129,16 +95,7 @@ class Head:
 
 
 def block_of(data: bytes, before: int) -> tuple[bytes, int]:
-    """
-    Return a block and its CRC-32, from which the next one goes on.
-
-    Parameters
-    ----------
-    data : bytes
-        Compressed events; none for the mark of the end.
-    before : int
-        CRC-32 of the block before, or of the head.
-    """
+    """Return a block and its CRC-32, from which the next one goes on."""
     crc = zlib.crc32(data or LAST, before)
     return _front(len(data), crc) + data, crc
 
@@ -162,30 +119,11 @@ def read_head(path: str | Path) -> Head:
 
 
 class Reading:
-    """
-    A recording that is read from its beginning to its end.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Raises
-    ------
-    RecordingError
-        If there is no such file, or it is no wire recording.
-
-    Attributes
-    ----------
-    head : Head
-    whole : bool
-        Its end has been read, and it was ended in order.
-    unread : int
-        Bytes at the end that are no whole block.
-    """
+    """A recording that is read from its beginning to its end."""
 
     def __init__(self, path: str | Path) -> None:
-        self.whole = False
-        self.unread = 0
+        self.whole = False  # its end has been read, and it was ended in order
+        self.unread = 0  # bytes at the end that are no whole block
         self._path = path
         self._file = _opened(path)
         try:
@@ -195,14 +133,7 @@ class Reading:
             raise
 
     def events(self) -> Iterator[Event]:
-        """
-        Yield every event; stop where the file ends or was cut off.
-
-        Raises
-        ------
-        RecordingError
-            If the file is damaged, with where.
-        """
+        """Yield every event; stop where the file ends or was cut off."""
         while True:
             at = self._file.tell()
             try:

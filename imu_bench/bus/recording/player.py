@@ -8,12 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from imu_bench import __version__
 from imu_bench.bus.interface import Clock
 from imu_bench.bus.recording.events import Event, Kind, spoken, unpacked_error
 from imu_bench.bus.recording.file import Reading
 from imu_bench.bus.recording.wires import KINDS
 from imu_bench.errors import RecordingError, RecordingOver
+from imu_bench.version import __version__
 
 BEHIND_NS = 500_000_000
 """Who is further behind the recorded time than that does not race to catch up."""
@@ -39,17 +39,9 @@ class Player:
     ------
     RecordingError
         If there is no such file, or it is no wire recording.
-
-    Attributes
-    ----------
-    head : Head
-    wires : mapping of str to bus
-        For the driver.
-    problem : str
-        Nothing can go wrong that does not end the acquisition.
     """
 
-    problem = ''
+    problem = ''  # nothing can go wrong that does not end the acquisition
 
     def __init__(self, path: str | Path, pace: Clock) -> None:
         self._path = path
@@ -202,13 +194,7 @@ class Player:
 
 
 class Played:
-    """
-    A driver on a recording: nothing has to be stopped, and nothing is released.
-
-    Parameters
-    ----------
-    driver : Driver
-    """
+    """A driver on a recording: nothing has to be stopped, and nothing is released."""
 
     def __init__(self, driver: Any) -> None:
         self._driver = driver

@@ -1,21 +1,108 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A clock and the wires of a sensor, with everything that passes written down."""
+"""
+A clock and the wires of a sensor, with everything that passes written down.
+
+A thread of its own compresses and writes it: a disk never holds up a bus.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from datetime import datetime, timezone
 from functools import partial
+from itertools import count
+import os
 from pathlib import Path
-from typing import Any
+from queue import SimpleQueue
+import threading
+import time
+from typing import Any, BinaryIO
+import zlib
 
-from imu_bench import __version__
 from imu_bench.bus.interface import Clock
 from imu_bench.bus.recording.events import CLOCK, FAILED, Kind, packed_error, REQUEST
-from imu_bench.bus.recording.file import BLOCK_BYTES, Head
+from imu_bench.bus.recording.file import BLOCK_BYTES, block_of, Head
 from imu_bench.bus.recording.wires import described, KINDS
-from imu_bench.bus.recording.writing import BlockWriter
-from imu_bench.errors import BenchError
+from imu_bench.errors import BenchError, os_error_text, RecordingError
+from imu_bench.version import __version__
+
+MOST_WAITING = 256
+"""Blocks that may wait for the disk, 16 MiB: minutes of any sensor."""
+
+SYNC_S = 1.0
+"""So often what is written is forced onto the disk."""
+
+_LEVEL = 1
+
+
+class BlockWriter:
+    """A new file, block by block."""
+
+    def __init__(self, path: str | Path, head: bytes) -> None:
+        self.problem = ''  # why it ended early; empty while all is well
+        self._file, self.path = _new_file(Path(path))
+        self.size, self._crc = len(head), zlib.crc32(head)
+        self._blocks: SimpleQueue[bytes | None] = SimpleQueue()
+        self._synced = time.monotonic()
+        self._file.write(head)
+        self._thread = threading.Thread(target=self._run, name='wire writer', daemon=True)
+        self._thread.start()
+
+    def put(self, block: bytes) -> bool:
+        """Hand over whole events; return whether they will be written."""
+        if not self.problem and self._blocks.qsize() >= MOST_WAITING:
+            self.problem = f'{self.path}: ends early, the disk does not keep up'
+        if self.problem:
+            return False
+        self._blocks.put(block)
+        return True
+
+    def close(self) -> None:
+        """Write what waits, and the end."""
+        self._blocks.put(None)
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            with self._file as file:
+                while (block := self._blocks.get()) is not None:
+                    self._write(file, zlib.compress(block, _LEVEL))
+                if not self.problem:
+                    self._write(file, b'')
+                os.fsync(file.fileno())
+        except OSError as error:
+            self.problem = f'{self.path}: ends early, {os_error_text(error)}'
+
+    def _write(self, file: BinaryIO, data: bytes) -> None:
+        block, self._crc = block_of(data, self._crc)
+        file.write(block)
+        file.flush()
+        self.size += len(block)
+        if time.monotonic() - self._synced >= SYNC_S:
+            os.fsync(file.fileno())
+            self._synced = time.monotonic()
+
+
+def _new_file(path: Path) -> tuple[BinaryIO, Path]:
+    """Make a file that was not there, with a number if need be."""
+    made, numbers = path, count(2)
+    try:
+        while (file := _opened_new(made)) is None:
+            made = path.with_name(f'{path.stem}-{next(numbers)}{path.suffix}')
+        return file, made
+    except OSError as error:
+        raise RecordingError(
+            f'wire_recording: {os_error_text(error)}; name a file in a folder that may be written'
+        ) from error
+
+
+def _opened_new(path: Path) -> BinaryIO | None:
+    """Make a file; None if there is one, even one that somebody else has made just now."""
+    try:
+        return path.open('xb')
+    except FileExistsError:
+        return None
+
 
 BLOCK_NS = 1_000_000_000
 """A block is handed over after so long, full or not: a power cut costs no more than two."""
@@ -35,8 +122,6 @@ class Recorder:
     path : str or Path
         New file; it gets a number if there is one of that name.
     buses : mapping of part name to bus
-    clock : Clock
-    driver : str
     settings : mapping
         All of the driver's own.
     label : str
@@ -46,11 +131,6 @@ class Recorder:
     ------
     RecordingError
         If the file cannot be made.
-
-    Attributes
-    ----------
-    wires : mapping of str to bus
-        For the driver, in the place of `buses`.
 
     Examples
     --------
@@ -83,6 +163,7 @@ class Recorder:
         self._block = bytearray()
         self._due_ns = now_ns + BLOCK_NS
         self._going_on, self._finished, self._answered = True, False, False
+        # for the driver, in the place of `buses`
         self.wires: Mapping[str, Any] = {
             wire.part: KINDS[wire.kind](wire, partial(self._exchange, number), buses[wire.part])
             for number, wire in enumerate(heads)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The four kinds of wire as requests and answers in bytes, the same when recorded and when played.
+The six kinds of wire as requests and answers in bytes, the same when recorded and when played.
 
 How long somebody is ready to wait for bytes is not on the wire, and is not recorded.
 """
@@ -130,11 +130,11 @@ class TapedBoard(_Taped):
         """Convert one channel until stopped."""
         self._do(Kind.START, _CHANNEL.pack(channel), 'start', channel)
 
-    def scan(self) -> Scan:
-        """Return what has been converted since the last call; does not wait."""
+    def scan(self, wait_s: float = 0.0) -> Scan:
+        """Return what has been converted since the last call, waiting so long for some."""
 
         def live() -> bytes:
-            codes, *flags = self._live.scan()
+            codes, *flags = self._live.scan(wait_s)
             return _FLAGS.pack(*flags) + np.asarray(codes, dtype='<f8').tobytes()
 
         answer = self._exchange(Kind.SCAN, b'', live)
@@ -145,24 +145,43 @@ class TapedBoard(_Taped):
         self._do(Kind.STOP, b'', 'stop')
 
 
+class TapedLine(_Taped):
+    """An EdgeLine."""
+
+    def edges(self) -> list[int]:
+        """Return when it rose since the last call, ns; does not wait."""
+
+        def live() -> bytes:
+            return np.asarray(self._live.edges(), '<i8').tobytes()
+
+        found: list[int] = np.frombuffer(self._exchange(Kind.EDGES, b'', live), '<i8').tolist()
+        return found
+
+
+class TapedOutput(_Taped):
+    """An OutputLine."""
+
+    def drive(self, high: bool) -> None:
+        """Set the level."""
+        self._do(Kind.DRIVE, bytes([high]), 'drive', high)
+
+
 KINDS: dict[str, type[_Taped]] = {
     'registers': TapedRegisters,
     'frames': TapedFrames,
     'stream': TapedStream,
     'board': TapedBoard,
+    'line': TapedLine,
+    'output': TapedOutput,
 }
 
 
 def described(part: str, wire: Any) -> WireHead:
-    """
-    Return what a wire is.
-
-    Examples
-    --------
-    >>> from imu_bench.bus.scripted import ScriptedStream
-    >>> described('', ScriptedStream([]))
-    WireHead(part='', kind='stream', name='script', baud=115200)
-    """
+    """Return what a wire is."""
+    if hasattr(wire, 'edges'):
+        return WireHead(part, 'line', wire.name)
+    if hasattr(wire, 'drive'):
+        return WireHead(part, 'output', wire.name)
     if hasattr(wire, 'scan'):
         return WireHead(part, 'board', wire.name)
     if hasattr(wire, 'transfer'):

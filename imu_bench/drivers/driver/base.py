@@ -9,7 +9,18 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from imu_bench.bus.counting import CountingBus
-from imu_bench.bus.interface import ByteStream, Clock, DaqBoard, FrameBus, RegisterBus
+from imu_bench.bus.edges import Edges
+from imu_bench.bus.interface import (
+    ByteStream,
+    Clock,
+    DaqBoard,
+    DATA_READY,
+    EdgeLine,
+    FrameBus,
+    OutputLine,
+    RegisterBus,
+    RESET_LINE,
+)
 from imu_bench.bus.register_access import Registers
 from imu_bench.bus.wiring import Wiring
 from imu_bench.config.schema import check_all, raise_if_any, Setting
@@ -25,10 +36,13 @@ from imu_bench.registers import (
     Witness,
 )
 from imu_bench.samples import Samples
-import numpy as np
 import numpy.typing as npt
 
-Bus = RegisterBus | FrameBus | ByteStream | DaqBoard
+Bus = RegisterBus | FrameBus | ByteStream | DaqBoard | EdgeLine | OutputLine
+
+
+RESET_LOW_S = 1e-3
+"""Longer than a chip asks for: 20 ns (BNO055, BST-BNO055-DS000-12, pin nRESET)."""
 
 
 def choice(name: str, field: Field, default: Value, description: str) -> Setting:
@@ -36,13 +50,6 @@ def choice(name: str, field: Field, default: Value, description: str) -> Setting
     Return the setting whose values are those of a register field.
 
     With the name of the field's own attribute, `configure` writes it to the field.
-
-    Examples
-    --------
-    >>> from imu_bench.registers import Codes, Register
-    >>> scale = Field(Register(0x10), (4, 3), Codes({2.0: 0, 16.0: 1}), unit='g')
-    >>> choice('accelerometer_range', scale, 16.0, 'Full scale.').allowed
-    (2.0, 16.0)
     """
     return Setting(name, default, description, field.allowed, unit=field.unit)
 
@@ -57,8 +64,6 @@ class Driver(RegisterMap, ABC):
         A sensor with one die takes its bus alone.
     clock : Clock
         The only way a driver knows the time or waits.
-    settings : mapping
-        Values by the names of `settings`; the rest keep their defaults.
 
     Raises
     ------
@@ -83,6 +88,12 @@ class Driver(RegisterMap, ABC):
         False while they are read so seldom that only the time tells how many passed in between.
     rates_hz : mapping of str to float
         The nominal rate of each quantity that has one of its own.
+    edge : (int, int) or None
+        When a sample of the main run that `read` returned last was measured, by the data-ready
+        line; `back` counts from the last of that run.
+    latch_ns : int or None
+        So long took the transfer during which the newest sample was known to be there; the middle
+        of it is stamped.  None where nobody knows how long samples have waited.
     skipped : dict of int to int
         Of a chip that numbers its samples: how many are missing before a run of those that
         `read` returned last, by the place of the run.  The clock model goes on then.
@@ -95,8 +106,15 @@ class Driver(RegisterMap, ABC):
     start_up_s: ClassVar[float] = 0.05
     """From power-up until the chip answers."""
     wiring: ClassVar[Mapping[str, Wiring]]
+    data_ready_pin: ClassVar[str] = ''
+    """The pin that can say when there are data; none if empty."""
+    reset_pin: ClassVar[str] = ''
+    """The pin that resets it when it is low; none if empty."""
     identities: ClassVar[tuple[Identity, ...]] = ()
+    # values by the names of `settings`; the rest keep their defaults
     settings: ClassVar[tuple[Setting, ...]] = ()
+    described: ClassVar[tuple[str, ...]] = ()
+    """Those that say what the device does by itself; its emulation does so."""
     counter_names: ClassVar[tuple[str, ...]] = (
         'bus_errors', 'brown_outs', 'restarts', 'saturated'
     )  # fmt: skip
@@ -126,6 +144,11 @@ class Driver(RegisterMap, ABC):
         self.configured = False
         self.trims: dict[str, Any] = {}
         self._wires: dict[str, Bus] = dict(bus) if isinstance(bus, Mapping) else {'': bus}
+        line: Any = self._wires.pop(DATA_READY, None)
+        self.reset_line: Any = self._wires.pop(RESET_LINE, None)
+        self.edges = None if line is None else Edges(line, self.counters)
+        self.edge: tuple[int, int] | None = None
+        self.latch_ns: int | None = None
         self.registers = Registers(
             {
                 part: CountingBus(wire, self.counters)
@@ -245,7 +268,7 @@ class Driver(RegisterMap, ABC):
             If another chip answers.
         """
         self.configured = False
-        self.registers.run(self.reset_steps)
+        self.registers.run(self.reset_steps, until_cleared=True)
         self.identify()
         assignments = self.assignments()
         self.registers.write(assignments)
@@ -260,6 +283,8 @@ class Driver(RegisterMap, ABC):
         """Start the stream."""
         self.registers.run(self.start_steps)
         self.continuity += 1
+        if self.edges is not None:
+            self.edges.begin()
 
     def restart(self) -> None:
         """
@@ -280,6 +305,16 @@ class Driver(RegisterMap, ABC):
         if self.registers.difference(assignments):
             self.counters['brown_outs'] += 1
             self.configured = False
+
+    def pull_reset(self, steps: Sequence) -> bool:
+        """Reset by the line, then take steps; return whether there is one."""
+        if self.reset_line is None:
+            return False
+        self.reset_line.drive(False)
+        self.clock.sleep(RESET_LOW_S)
+        self.reset_line.drive(True)
+        self.registers.run(steps)
+        return True
 
     def stop(self) -> None:
         """Stop the stream."""
@@ -306,16 +341,23 @@ class Driver(RegisterMap, ABC):
             One that is scaled by a range field is decoded at the setting of that name.
         """
         columns = {}
-        clipped = np.zeros(len(words), dtype=np.bool_)
+        clipped: Any = None
         for channel in channels:
             name = channel.quantity
             range_ = self.values[channel.scaled_by.name] if channel.scaled_by else None
-            clipped |= channel.saturated(words[name], range_)
-            columns[name] = channel.decode(words[name], range_, self.trims.get(name, 1.0))
-        self.counters['saturated'] += int(clipped.sum())
+            found = words[name]
+            if not channel.within(found, range_):
+                at_limit = channel.saturated(found, range_)
+                clipped = at_limit if clipped is None else clipped | at_limit
+            columns[name] = channel.decode(found, range_, self.trims.get(name, 1.0))
+        if clipped is not None:
+            self.counters['saturated'] += int(clipped.sum())
         return columns
 
     def close(self) -> None:
         """Release every bus."""
         for wire in self._wires.values():
             wire.close()
+        for line in (self.edges, self.reset_line):
+            if line is not None:
+                line.close()

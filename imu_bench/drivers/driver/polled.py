@@ -35,12 +35,10 @@ class PolledDriver(Driver):
     def look(self, row: Any, before_ns: int, after_ns: int, words: bytes) -> Look:
         """Look for new samples and count; of those that are missing the acquisition learns."""
         look = self.updates.look(row, before_ns, after_ns, words)
-        self.counters.update(
-            repeated=look.repeated,
-            lost_samples=look.skipped,
-            undated=len(look.rows) * look.undated,
-        )
         if len(look.rows):
+            self.counters['repeated'] += look.repeated
+            self.counters['lost_samples'] += look.skipped
+            self.counters['undated'] += len(look.rows) * look.undated
             self.dated = not look.undated
         if look.lost_track:
             self.continuity += 1

@@ -24,36 +24,6 @@ class NoAveragingTime(DataError):
     """The data hold not one complete difference at any averaging time asked for."""
 
 
-def oadev_from_sums(
-    sum_sq: npt.ArrayLike, terms: npt.ArrayLike, m: npt.ArrayLike, period: float
-) -> Floats:
-    """
-    Return the overlapped Allan deviation from sums of squared second phase differences.
-
-    Parameters
-    ----------
-    sum_sq, terms, m : array_like, shape (k,)
-        Sums over phase in unit times second, number of differences in each, averaging factor.
-    period : float
-        Sample period in s.
-
-    Notes
-    -----
-    NIST SP 1065 (2008), equation (11).
-
-    Examples
-    --------
-    >>> oadev_from_sums([8.0], [4], [10], 0.1).tolist()
-    [1.0]
-    """
-    return MEMBERS['oadev'].deviation(
-        np.asarray(sum_sq, np.float64),
-        np.asarray(terms, np.int64),
-        np.asarray(m, np.int64),
-        period,
-    )
-
-
 def curve_from_sums(
     m: Integers,
     sum_sq: Floats,
@@ -88,17 +58,9 @@ def curve_from_sums(
         Level of the intervals.
     runs : ndarray of int64, shape (r, 2), optional
         First and one past the last point of the phase of every run without a gap, as
-        `allan_kernels.complete_runs` gives for the samples, plus one at the ends.
+        `stretches` gives for the samples, plus one at the ends.
     omitted : tuple of (float, str)
         Averaging times the data cannot give, each with the reason.
-
-    Examples
-    --------
-    >>> m, sums, terms = np.array([1, 10]), np.array([8.0, 40.0]), np.array([99, 81])
-    >>> white = np.array([0, 0])
-    >>> curve = curve_from_sums(m, sums, terms, 1.0, 100, 100, 'rad/s', 0.95, white)
-    >>> curve.deviation.round(3).tolist(), curve.edf.round(1).tolist()
-    ([0.201, 0.05], [66.2, 12.8])
     """
     stretches = np.array([[0, span + 1]], np.int64) if runs is None else runs
     return build_curve(

@@ -23,22 +23,12 @@ Sums = tuple[Floats, Integers]
 
 
 class Member(NamedTuple):
-    """
-    One member of the family.
+    """One member of the family."""
 
-    Attributes
-    ----------
-    sums : callable
-        (phase, m, runs, run) to the sum of squared differences and their number.
-    differences : int
-        Differences taken: 2 for the Allan members, 3 for the Hadamard members.
-    span : int
-        Averaging times that one difference spans.
-    """
-
+    # (phase, m, runs, run) to the sum of squared differences and their number
     sums: Callable[[Floats, Integers, Integers, Run], Sums]
-    differences: int
-    span: int
+    differences: int  # differences taken: 2 for the Allan members, 3 for the Hadamard members
+    span: int  # averaging times that one difference spans
 
     def deviation(self, sums: Floats, terms: Integers, m: Integers, period: float) -> Floats:
         """

@@ -27,38 +27,8 @@ _FEW_RUNS = 32
 """Runs in a block up to which each is summed for itself; that costs calls, not memory."""
 
 
-def complete_runs(valid: Mask) -> Integers:
-    """
-    Return first and one past the last sample of every run without a missing sample.
-
-    Examples
-    --------
-    >>> complete_runs(np.array([True, True, False, True])).tolist()
-    [[0, 2], [3, 4]]
-    """
-    padded = np.concatenate(([False], valid, [False]))
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    return edges.reshape(-1, 2).astype(np.int64)
-
-
 def number_of_terms(order: int, m: Integers, runs: Integers) -> Integers:
-    """
-    Return the number of complete differences of an order at each averaging factor.
-
-    Parameters
-    ----------
-    order : int
-        Averaging times that a difference spans.
-    m : ndarray of int64, shape (k,)
-        Averaging factors.
-    runs : ndarray of int64, shape (r, 2)
-        Runs of the phase.
-
-    Examples
-    --------
-    >>> number_of_terms(2, np.array([1, 3]), np.array([[0, 5], [6, 13]])).tolist()
-    [8, 1]
-    """
+    """Return the number of complete differences of an order at each averaging factor."""
     lengths, counts = np.unique(runs[:, 1] - runs[:, 0], return_counts=True)
     return np.asarray(counts @ np.maximum(lengths[:, None] - order * m, 0), np.int64)
 
@@ -66,26 +36,7 @@ def number_of_terms(order: int, m: Integers, runs: Integers) -> Integers:
 def second_difference_sums(
     phase: Floats, m: Integers, runs: Integers, run: Run = in_turn
 ) -> tuple[Floats, Integers]:
-    """
-    Return sum and number of the squared second differences with full overlap.
-
-    Parameters
-    ----------
-    phase : ndarray of float64, shape (n + 1,)
-    m : ndarray of int64, shape (k,)
-        Averaging factors in increasing order.
-    runs : ndarray of int64, shape (r, 2)
-        Runs of the phase.
-    run : callable
-        From `cores`; the result does not depend on it.
-
-    Examples
-    --------
-    >>> phase = np.array([0.0, 1.0, 4.0, 9.0, 16.0])
-    >>> sums, terms = second_difference_sums(phase, np.array([1, 2]), np.array([[0, 5]]))
-    >>> sums.tolist(), terms.tolist()
-    ([12.0, 64.0], [3, 1])
-    """
+    """Return sum and number of the squared second differences with full overlap."""
     return _sums(_second, 2, phase, m, runs, run)
 
 
@@ -99,15 +50,7 @@ def third_difference_sums(
 def thinned(
     phase: Floats, runs: Integers, stride: int, run: Run = in_turn
 ) -> tuple[Floats, Integers]:
-    """
-    Return every stride-th point of the phase, and its runs counted in such points.
-
-    Examples
-    --------
-    >>> thinned(np.arange(8.0), np.array([[0, 5], [6, 8]]), 3)
-    (array([0., 3., 6.]), array([[0, 2],
-           [2, 3]]))
-    """
+    """Return every stride-th point of the phase, and its runs counted in such points."""
     kept = phase[::stride]
     points = workspace.empty(kept.size, np.float64)
 
@@ -126,12 +69,6 @@ def modified_sums(phase: Floats, m: Integers, runs: Integers) -> tuple[Floats, I
 
     The moving average comes from a cumulative sum of the differences themselves, block by
     block; third differences of a twice summed phase would lose digits on long records.
-
-    Examples
-    --------
-    >>> phase = np.array([0.0, 1.0, 4.0, 9.0, 16.0])
-    >>> modified_sums(phase, np.array([1]), np.array([[0, 5]]))
-    (array([12.]), array([3]))
     """
     sums = np.zeros(m.size)
     terms = np.zeros(m.size, np.int64)
@@ -160,7 +97,7 @@ def _sums(
     terms = number_of_terms(order, m, runs)
     factors = m[terms > 0].tolist()
     end = int(runs[-1, 1]) if factors else 0
-    desk = blockwise.Desk(3 * min(blockwise.BLOCK, phase.size))
+    desk = blockwise.WorkArrays(3 * min(blockwise.BLOCK, phase.size))
 
     def squares(start: int) -> Floats:
         stop = min(start + blockwise.BLOCK, end)

@@ -69,25 +69,6 @@ def averaging_factors(
     per_decade : int
         Density of 'log'.  From m = 36 on that grid takes multiples of powers of three, at
         most 4 % away, so that `overlap='decimated'` can go with them.
-
-    Returns
-    -------
-    ndarray of int64, shape (k,)
-        In increasing order, without repetition.
-
-    Raises
-    ------
-    DataError
-        If tau is below the sample period, not positive and finite, or not one of the names.
-
-    Examples
-    --------
-    >>> averaging_factors(100, 'octave').tolist()
-    [1, 2, 4, 8, 16, 32]
-    >>> averaging_factors(1000, 'log', per_decade=3).tolist()
-    [1, 2, 5, 10, 22, 45, 99, 216]
-    >>> averaging_factors(1000, [0.5, 1.0], rate_hz=10.0).tolist()
-    [5, 10]
     """
     if not isinstance(tau, str):
         return _from_seconds(tau, rate_hz)
@@ -115,11 +96,6 @@ def decimation(m: Integers, n: int | Integers) -> Integers:
     Return the stride between starting points that costs next to nothing, for each factor.
 
     It is a power of three that divides m, so that all points of a difference are kept.
-
-    Examples
-    --------
-    >>> decimation(np.array([47, 48, 144, 1000, 810_000]), 10**7).tolist()
-    [1, 3, 9, 1, 81]
     """
     overlap = np.maximum(LEAST_OVERLAP, _NEAR * np.sqrt(m / n))
     stride = np.ones(m.size, np.int64)

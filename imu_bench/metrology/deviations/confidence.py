@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from imu_bench.errors import DataError
 from imu_bench.metrology.deviations.greenhall import inverse_edf
+from imu_bench.metrology.estimate import check_confidence
 import numpy as np
 import numpy.typing as npt
 from scipy import special
@@ -68,26 +69,11 @@ def edf(kind: str, alpha: npt.ArrayLike, m: npt.ArrayLike, n: npt.ArrayLike) -> 
         Averaging factor, and samples of the rate without a gap (phase points less one).
         All three broadcast.
 
-    Returns
-    -------
-    ndarray of float64
-        Never below 1.
-
-    Raises
-    ------
-    DataError
-        If the samples hold not one difference.
-
     Notes
     -----
     Greenhall and Riley (2003), see `imu_bench.metrology.deviations.greenhall`.  The total
     deviation takes table 7 of NIST SP 1065 (2008), and its row for white noise, which is on
     the safe side, for alpha above 0.
-
-    Examples
-    --------
-    >>> edf('oadev', [0, -1, -2], 10, 1000).round(1)
-    array([146.1, 116.9,  91.8])
     """
     differences = _known(kind)
     exponents, factors, samples = np.broadcast_arrays(
@@ -105,14 +91,7 @@ def edf(kind: str, alpha: npt.ArrayLike, m: npt.ArrayLike, n: npt.ArrayLike) -> 
 
 
 def edf_oadev(alpha: npt.ArrayLike, m: npt.ArrayLike, n: npt.ArrayLike) -> Floats:
-    """
-    Return `edf` of the overlapped Allan variance.
-
-    Examples
-    --------
-    >>> float(edf_oadev(0.0, 1000, 100_000).round(2))
-    147.76
-    """
+    """Return `edf` of the overlapped Allan variance."""
     return edf('oadev', alpha, m, n)
 
 
@@ -120,31 +99,8 @@ def edf_of_runs(kind: str, alpha: npt.ArrayLike, m: Integers, lengths: Integers)
     """
     Return the degrees of freedom of estimates pooled over runs between gaps.
 
-    Parameters
-    ----------
-    kind : str
-        As for `edf`.
-    alpha : array_like of int, shape (k,)
-    m : ndarray of int64, shape (k,)
-    lengths : ndarray of int64, shape (r,)
-        Samples of the rate in each run.
-
-    Returns
-    -------
-    ndarray of float64, shape (k,)
-
-    Notes
-    -----
     Runs count as independent: the variance of a mean of M_r terms each with edf_r is that
     of a chi-squared variable with (sum M_r)^2 / sum(M_r^2 / edf_r) degrees of freedom.
-
-    Examples
-    --------
-    >>> white, once = np.array([0]), np.array([10])
-    >>> edf_of_runs('oadev', white, once, np.array([1000])).round(1)
-    array([146.1])
-    >>> edf_of_runs('oadev', white, once, np.array([1000, 1000])).round(1)
-    array([292.1])
     """
     differences = _known(kind)
     exponents = np.broadcast_to(np.asarray(alpha), m.shape)
@@ -168,22 +124,9 @@ def interval(
     """
     Return the two-sided chi-squared interval of a deviation.
 
-    Raises
-    ------
-    DataError
-        If the confidence does not lie between 0 and 1.
-
-    Notes
-    -----
     NIST SP 1065 (2008), equation (45).
-
-    Examples
-    --------
-    >>> low, high = interval(1.0, 10.0, 0.95)
-    >>> round(float(low), 4), round(float(high), 4)
-    (0.6987, 1.7549)
     """
-    check_level(confidence)
+    check_confidence(confidence)
     value = np.asarray(deviation, np.float64)
     half = np.asarray(degrees, np.float64) / 2.0
     tail = (1.0 - confidence) / 2.0
@@ -202,34 +145,15 @@ def simple_interval(
     It knows neither overlap nor noise type and exists for comparison.  The error is one
     standard deviation; other confidence levels scale it as in a normal distribution.
 
-    Raises
-    ------
-    DataError
-        If the confidence does not lie between 0 and 1, or an average takes all samples.
-
-    Notes
-    -----
     IEEE Std 952-1997 annex C; used in both theses the bench grew from.
-
-    Examples
-    --------
-    >>> low, high = simple_interval(1.0, 10, 1010, 0.6827)
-    >>> round(float(high), 3)
-    1.071
     """
-    check_level(confidence)
+    check_confidence(confidence)
     value = np.asarray(deviation, np.float64)
     clusters = samples / np.asarray(m, np.float64)
     if np.any(clusters <= 1.0):
         raise DataError('the simple interval needs more samples than one average takes')
     error = special.ndtri(0.5 + confidence / 2.0) / np.sqrt(2.0 * (clusters - 1.0))
     return value * np.maximum(1.0 - error, 0.0), value * (1.0 + error)
-
-
-def check_level(confidence: float) -> None:
-    """Raise DataError unless the confidence lies between 0 and 1."""
-    if not 0.0 < confidence < 1.0:
-        raise DataError(f'confidence must lie between 0 and 1, got {confidence}')
 
 
 def _known(kind: str) -> Differences:

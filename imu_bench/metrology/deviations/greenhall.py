@@ -74,11 +74,6 @@ def inverse_edf(
         Whether the phase is averaged (modified variances).
     sampled : bool
         Whether noise at short averages is that of samples; without it the paper is followed.
-
-    Examples
-    --------
-    >>> round(1.0 / inverse_edf(0, 2, 1, 999, 1, modified=False), 2)  # 999 / 1.5
-    666.22
     """
     if alpha == 2 and not modified:
         return _white_phase(d, terms, stride)
@@ -155,12 +150,6 @@ def covariance(lag: Floats, smooth: float, alpha: int, d: int) -> Floats:
     Return the autocovariance s_z of d-th differences at lags in units of tau, equation (9).
 
     `smooth` is the filter factor F; infinity stands for m without limit.
-
-    Examples
-    --------
-    >>> second = covariance(np.array([0.0, 1.0]), np.inf, 0, 2)
-    >>> float(second[1] / second[0])  # white noise: half of each difference is shared
-    -0.5
     """
     steps, signs = _stencil(d)
     shifted = lag[:, None] + steps

@@ -39,24 +39,6 @@ def cumulate(
 
     The mean goes first because a long sum of, say, gravity would cost digits.  Missing
     samples count as the mean, whatever value they hold.
-
-    Parameters
-    ----------
-    rate : ndarray, shape (n,)
-    valid : ndarray of bool, shape (n,), optional
-        False where a sample is missing.
-    run : callable
-        Does the blocks, in turn or in threads.
-
-    Raises
-    ------
-    DataError
-        If a sample that is not declared missing is NaN or infinite.
-
-    Examples
-    --------
-    >>> cumulate(np.array([1.0, 2.0, 3.0])).tolist()
-    [0.0, -1.0, -1.0, 0.0]
     """
     size = blockwise.BLOCK
     blocks = [slice(a, min(a + size, rate.size)) for a in range(0, rate.size, size)]
@@ -83,7 +65,7 @@ class _Summation:
         self.first = float(rate[0 if valid is None else int(np.argmax(valid))])
         self.phase = workspace.empty(1 + self._whole(rate.size), np.float64)
         self.phase[0] = 0.0
-        self._desk = blockwise.Desk(min(blockwise.BLOCK, self.phase.size - 1))
+        self._desk = blockwise.WorkArrays(min(blockwise.BLOCK, self.phase.size - 1))
 
     def total(self, block: slice) -> tuple[float, int]:
         """Return the sum of the samples of a block less the first sample, and their number."""
@@ -117,14 +99,7 @@ class _Summation:
 
 
 def refuse_unfinite(values: npt.NDArray[np.generic], valid: Mask | None) -> None:
-    """
-    Refuse values that are NaN or infinite without being declared missing.
-
-    Raises
-    ------
-    DataError
-        With their number and the index of the first.
-    """
+    """Refuse values that are NaN or infinite without being declared missing."""
     bad = ~np.isfinite(values)
     if valid is not None:
         bad &= valid

@@ -55,6 +55,12 @@ Differences looked at per averaging time: r1 scatters by (1 - r1²)/√2048, and
 white noise, 0.09 for flicker noise.
 """
 
+_BOUND = 10.0
+"""Median sizes of a difference beyond which it is cut off: 6.7 σ, one normal one in 10¹¹."""
+
+_PHASE_SLOPE = -1.5
+"""Exponent of the variance between those of phase noise, -2, and of white noise, -1."""
+
 _STRETCH = 1 << 16
 """Points of the phase that R(n) looks at, if m allows."""
 
@@ -75,18 +81,6 @@ def identify(
         First and one past the last point of `phase` of every run without a gap.
     differences : int
         2 for the Allan members (alpha from 2 to -3), 3 for the Hadamard members (to -4).
-
-    Returns
-    -------
-    ndarray of int64, shape (k,)
-
-    Examples
-    --------
-    >>> white = np.random.default_rng(1).normal(size=10_000)
-    >>> identify(np.cumsum(white), np.array([1, 10, 100, 1000])).tolist()
-    [0, 0, 0, 0]
-    >>> identify(np.cumsum(np.cumsum(white)), np.array([1, 10, 100, 1000])).tolist()
-    [-2, -2, -2, -2]
     """
     whole = np.array([[0, phase.size]], np.int64)
     return identify_within(Stretches(whole if runs is None else runs), phase, m, differences)
@@ -154,7 +148,8 @@ class _Search:
         phase, stretches = self._phase, self._stretches
         averages = stretches.averages(factor)
         if averages < FEW:
-            return self._anchor(FEW)
+            found = self._anchor(FEW)
+            return 0 if found is not None and found > 0 and self._too_flat(factor) else found
         if averages >= MANY:
             found = _by_autocorrelation(phase, factor, stretches, self._differences)
         else:
@@ -163,7 +158,24 @@ class _Search:
             surer = self._anchor(MANY)
             if found is not None and surer is not None:
                 found = min(found, surer)
+        if found == 2 and self._too_flat(factor):
+            return 0
         return _phase_noise(phase, factor, stretches) if found == 2 else found
+
+    def _too_flat(self, factor: int) -> bool:
+        """
+        Return whether the deviation falls too slowly here for phase noise.
+
+        Shorter averages may still show it; its interval, of as many degrees of freedom as
+        samples, would be far too narrow.
+        """
+        if factor < 4:
+            return False
+        slopes = (
+            _slope(self._phase, factor // part, factor, self._stretches, self._differences)
+            for part in (2, 4)
+        )
+        return any(slope is not None and slope > _PHASE_SLOPE for slope in slopes)
 
     def _anchor(self, least: int) -> int | None:
         """Return the noise at the longest averages of which there are at least so many."""
@@ -181,11 +193,19 @@ def _steps(phase: Floats, m: int, d: int, starts: Integers, count: int) -> list[
     return points
 
 
+def _bounded(differences: list[Floats]) -> list[Floats]:
+    """Return differences cut off where no noise gets: one bad sample must not decide."""
+    scale = float(np.median(np.abs(differences[0])))
+    if scale == 0.0:
+        return differences
+    return [np.clip(steps, -_BOUND * scale, _BOUND * scale) for steps in differences]
+
+
 def _by_autocorrelation(phase: Floats, m: int, stretches: Stretches, d: int) -> int | None:
     starts = stretches.starts((d + 1) * m)
     if starts.size < FEW:
         return None
-    first, second = _steps(phase, m, d, starts, 2)
+    first, second = _bounded(_steps(phase, m, d, starts, 2))
     square = float(first @ first + second @ second) / 2.0
     if square == 0.0:
         return None
@@ -198,18 +218,25 @@ def _by_autocorrelation(phase: Floats, m: int, stretches: Stretches, d: int) -> 
 
 
 def _by_slope(phase: Floats, m: int, stretches: Stretches, d: int) -> int | None:
+    slope = _slope(phase, m // 4, m, stretches, d)
+    if slope is None:
+        return None
+    # the variance goes with tau^mu, mu = -alpha - 1 down to mu = -2 for phase noise
+    return 2 if slope < _PHASE_SLOPE else max(-round(slope) - 1, -1 - d)
+
+
+def _slope(phase: Floats, short: int, long: int, stretches: Stretches, d: int) -> float | None:
+    """Return the exponent of the variance between two averaging factors; None if too few."""
     variances = []
-    for factor in (m // 4, m):
+    for factor in (short, long):
         starts = stretches.starts(d * factor)
         if starts.size < FEW:
             return None
-        (steps,) = _steps(phase, factor, d, starts, 1)
+        (steps,) = _bounded(_steps(phase, factor, d, starts, 1))
         variances.append(float(steps @ steps) / starts.size / factor**2)
     if min(variances) == 0.0:
         return None
-    slope = math.log(variances[1] / variances[0]) / math.log(m / (m // 4))
-    # the variance goes with tau^mu, mu = -alpha - 1 down to mu = -2 for phase noise
-    return 2 if slope < -1.5 else max(-round(slope) - 1, -1 - d)
+    return math.log(variances[1] / variances[0]) / math.log(long / short)
 
 
 def _by_b1(phase: Floats, m: int, stretches: Stretches, d: int) -> int | None:

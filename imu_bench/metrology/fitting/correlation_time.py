@@ -27,17 +27,7 @@ MOST_TERMS = 3
 
 
 def likeliest(prepared: Callable[[float], Problem], tau: Floats) -> Problem:
-    """
-    Return the problem whose correlation time fits best.
-
-    Parameters
-    ----------
-    prepared : callable
-        Returns the problem, with term 'G', for a correlation time in s.
-    tau : ndarray, shape (k,)
-        Averaging times in s.  The peak of the process, at 1.89 T_c, is sought between the
-        third of them and half the longest: elsewhere it is a random walk or white noise.
-    """
+    """Return the problem whose correlation time fits best."""
     grid = _grid(tau)
 
     @cache

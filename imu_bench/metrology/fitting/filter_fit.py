@@ -82,16 +82,6 @@ def evidence(problem: Problem, best: Fitted) -> float:
     Return how clearly variance is missing at the start of a curve that a model describes.
 
     Behind a filter: how clearly there is noise that it did not touch.
-
-    Parameters
-    ----------
-    problem : Problem
-    best : Fitted
-
-    Returns
-    -------
-    float
-        In standard deviations; infinite where a model has no white noise that could be filtered.
     """
     present = {t for t, on in zip(problem.terms, best.mask, strict=True) if on}
     if 'N' not in present or 'Q' in present:
@@ -102,15 +92,7 @@ def evidence(problem: Problem, best: Fitted) -> float:
 
 
 def candidates(problem: Problem, start: LowPass | None = None) -> list[LowPass]:
-    """
-    Return the filters that fit best, with the slower terms they need, likeliest first.
-
-    Parameters
-    ----------
-    problem : Problem
-    start : LowPass, optional
-        A filter to start from, if some of the white noise joins behind the filter.
-    """
+    """Return the filters that fit best, with the slower terms they need, likeliest first."""
     low = _lowest(problem)
     if 'N' not in problem.terms or low >= WEAKEST or problem.tau.size < FEWEST:
         return []

@@ -92,28 +92,16 @@ ROUNDS = 5
 
 @dataclass(frozen=True, eq=False)
 class Range(Judged):
-    """
-    The averaging times kept, and all fits to them.
-
-    Attributes
-    ----------
-    problem : Problem
-    solutions : Solutions
-    started : float
-        Averaging time in s before which points are left out, 0 if none.
-    bump : tuple of float
-        First and last averaging time in s left out in the middle; empty if none.
-    alike : tuple of Range
-        Fits behind other low-pass filters, or behind none, that describe the curve about as well.
-    further : ndarray, shape (k,), or None
-        What else may be part of the curve, although the fit does without.
-    """
+    """The averaging times kept, and all fits to them."""
 
     problem: Problem
     solutions: Solutions
-    started: float = 0.0
+    started: float = 0.0  # averaging time in s before which points are left out, 0 if none
+    # first and last averaging time in s left out in the middle; empty if none
     bump: tuple[float, ...] = ()
+    # fits behind other low-pass filters, or behind none, that describe the curve about as well
     alike: tuple[Range, ...] = ()
+    # what else may be part of the curve, although the fit does without
     further: Floats | None = None
 
     @cached_property

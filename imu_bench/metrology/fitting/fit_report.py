@@ -26,18 +26,7 @@ METHOD = 'weighted fit of the Allan variance'
 
 
 class Report:
-    """
-    Turns a choice of noise terms into a noise model.
-
-    Parameters
-    ----------
-    chosen : Range
-        The averaging times used, and the fits to them.
-    unit : str
-        Unit of the signal.
-    confidence : float
-        Level of intervals and bounds.
-    """
+    """Turns a choice of noise terms into a noise model."""
 
     def __init__(self, chosen: Range, unit: str, confidence: float) -> None:
         self.chosen, self.unit, self.confidence = chosen, unit, confidence
@@ -45,10 +34,10 @@ class Report:
         self.choice = choose(chosen.problem, chosen.solutions)
         self._answers: dict[bytes, dict[str, Response]] = {}
 
-    def model(self) -> NoiseModel:
-        """Return the noise model."""
+    def model(self, reported: str = TERMS) -> NoiseModel:
+        """Return the noise model; the terms that are not to be reported without estimates."""
         problem, best = self.problem, self.choice.best
-        found = {term: self._estimate(term) for term in TERMS}
+        found = {term: self._estimate(term, reported) for term in TERMS}
         fitted = {
             t: problem.scale * math.sqrt(square)
             for t, square, on in zip(problem.terms, best.squares, best.mask, strict=True)
@@ -71,10 +60,10 @@ class Report:
             flags=self._flags(),
         )
 
-    def _estimate(self, term: str) -> Estimate:
-        at = self.problem.terms.find(term)
+    def _estimate(self, term: str, reported: str) -> Estimate:
+        at = self.problem.terms.find(term) if term in reported else -1
         unit = coefficient_unit(self.unit, term)
-        if at < 0 and term == 'Q' and self.problem.low_pass is not None:
+        if at < 0 and term in reported and term == 'Q' and self.problem.low_pass is not None:
             return self._hidden(unit)
         if at < 0:
             return Estimate.not_observable(unit, 'not asked for', confidence=self.confidence)
@@ -263,12 +252,5 @@ class Report:
 
 
 def duration(seconds: float) -> str:
-    """
-    Return a duration in words.
-
-    Examples
-    --------
-    >>> duration(5400.0), duration(90.0), duration(float('inf'))
-    ('1.5 h', '0.025 h', 'more than 2800 h')
-    """
+    """Return a duration in words."""
     return 'more than 2800 h' if math.isinf(seconds) else f'{seconds / 3600.0:.2g} h'

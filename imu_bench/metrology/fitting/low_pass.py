@@ -35,25 +35,14 @@ analogue one of 9.5.
 
 @dataclass(frozen=True)
 class LowPass:
-    """
-    A filter of unit gain at low frequencies.
+    """A filter of unit gain at low frequencies."""
 
-    Attributes
-    ----------
-    warped : float
-        ln tan(π f_c τ0), by which the bilinear transform stretches the axis of frequencies, for
-        a cutoff (−3 dB) f_c and a sample period τ0; of an analogue filter ln(π f_c τ0).
-    kind : str
-        One of `KINDS`.
-    period : float
-        Sample period τ0 in s.
-    floor : float
-        Share of the white noise that joins behind the filter, as that of rounding does.
-    """
-
+    # ln tan(π f_c τ0), by which the bilinear transform stretches the axis of frequencies, for a
+    # cutoff (−3 dB) f_c and a sample period τ0; of an analogue filter ln(π f_c τ0)
     warped: float
-    kind: str
-    period: float
+    kind: str  # one of `KINDS`
+    period: float  # sample period τ0 in s
+    # share of the white noise that joins behind the filter, as that of rounding does
     floor: float = 0.0
 
     @property
@@ -117,20 +106,6 @@ def deficit(m: npt.ArrayLike, warped: npt.ArrayLike, kind: str) -> Floats:
     A pole p of the filter adds Re(A p^(k−1)) to the autocovariance at lag k > 0, and summed over
     windows of m samples that gives Re(A (3 − 4 p^m + p^2m)/(1 − p)²)/m; for p → 1 it is the
     T/2τ (3 − 4 e^(−τ/T) + e^(−2τ/T)) of a continuous filter (IEEE Std 952-1997 annex C).
-
-    Parameters
-    ----------
-    m : array_like
-        Averaging factors, at least 1.
-    warped : array_like
-        `LowPass.warped`, of a shape that broadcasts with `m`.
-    kind : str
-        One of `KINDS`.
-
-    Examples
-    --------
-    >>> deficit([1.0, 1e4], [math.log(0.1)], 'digital 1').round(5).tolist()
-    [0.99174, 0.00075]
     """
     factors, w = np.asarray(m, np.float64), np.exp(np.asarray(warped, np.float64))
     pole, weight = _OF_KIND[kind](w)

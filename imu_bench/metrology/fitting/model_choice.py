@@ -29,26 +29,16 @@ WIDER = 7.0
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """
-    The best subset and its rivals.
+    """The best subset and its rivals."""
 
-    Attributes
-    ----------
-    best : Fitted
-        The likeliest subset; it gives the values.
-    rivals : tuple of Fitted
-        Subsets that the data cannot tell from it: a term that one of them does without is not
-        observable.
-    supersets : tuple of Fitted
-        Subsets that contain the best and fit a little better than chance would.
-    largest : tuple of (Fitted or None)
-        For each term, of all subsets that fit about as well as the best, however many terms
-        they need, the one with most of it; None if no subset holds the term.
-    """
-
-    best: Fitted
+    best: Fitted  # the likeliest subset; it gives the values
+    # subsets that the data cannot tell from it: a term that one of them does without is not
+    # observable
     rivals: tuple[Fitted, ...]
+    # subsets that contain the best and fit a little better than chance would
     supersets: tuple[Fitted, ...]
+    # for each term, of all subsets that fit about as well as the best, however many terms they
+    # need, the one with most of it; None if no subset holds the term
     largest: tuple[Fitted | None, ...]
 
     def certain(self, index: int) -> bool:

@@ -49,60 +49,33 @@ _ALL = 'QNBKR'
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """
-    One curve, prepared for fitting: k averaging times, p candidate terms, f frequencies.
+    """One curve, prepared for fitting: k averaging times, p candidate terms, f frequencies."""
 
-    Attributes
-    ----------
-    terms : str
-        Letters of the p candidates; 'G' is a Gauss-Markov process.
-    m : ndarray of int64, shape (k,)
-    tau, variance : ndarray, shape (k,)
-        Averaging times in s; Allan variances over `scale` squared.
-    scale : float
-        Highest deviation of the curve, the unit of everything within a problem.
-    octaves : ndarray, shape (k,)
-        Octaves of τ that each point stands for, at most one: closely spaced points repeat
-        one another and must not count twice.
-    basis : ndarray, shape (p, k)
-        Allan variance of each term with coefficient one.
-    densities : ndarray, shape (p, f)
-        One-sided density of each term with coefficient one; zero for the ramp.
-    cross : ndarray, shape (p * p, k)
-        ∫ D_a D_b H² df.
-    record : float
-        Length of the record in s.
-    share : ndarray, shape (k,)
-        Part of the record that each point can use (end effect, gaps, estimator).
-    frequency, width : ndarray, shape (f,)
-        Frequencies in Hz, and the part of the axis in Hz each stands for.
-    power : ndarray, shape (k, f)
-        Weights H of the points, over the root of `share`: they give the scatter in this record.
-    correlation_time : float or None
-        T_c in s of the term 'G'.
-    low_pass : LowPass or None
-        Filter of the white noise, the row of 'N' in `basis` and `densities`.
-    bends : ndarray, shape (2, k), or None
-        Derivatives of that row of `basis` by `LowPass.warped` and `LowPass.floor`.
-    """
-
-    terms: str
+    terms: str  # letters of the p candidates; 'G' is a Gauss-Markov process
     m: Integers
+    # tau, variance: averaging times in s; Allan variances over `scale` squared
     tau: Floats
     variance: Floats
-    scale: float
+    scale: float  # highest deviation of the curve, the unit of everything within a problem
+    # octaves of τ that each point stands for, at most one: closely spaced points repeat one
+    # another and must not count twice
     octaves: Floats
-    basis: Floats
-    densities: Floats
-    cross: Floats
-    record: float
-    share: Floats
+    basis: Floats  # Allan variance of each term with coefficient one
+    densities: Floats  # one-sided density of each term with coefficient one; zero for the ramp
+    cross: Floats  # ∫ D_a D_b H² df
+    record: float  # what was recorded, in s, without its gaps
+    share: Floats  # part of the record that each point can use (end effect, gaps, estimator)
+    # frequency, width: frequencies in Hz, and the part of the axis in Hz each stands for
     frequency: Floats
     width: Floats
+    # weights H of the points, over the root of `share`: they give the scatter in this record
     power: Floats
-    correlation_time: float | None = None
+    correlation_time: float | None = None  # T_c in s of the term 'G'
+    # filter of the white noise, the row of 'N' in `basis` and `densities`
     low_pass: LowPass | None = None
+    # derivatives of that row of `basis` by `LowPass.warped` and `LowPass.floor`
     bends: Floats | None = None
+    usable: Floats | None = None  # what gaps and the estimator alone leave of it
 
     @property
     def period(self) -> float:
@@ -132,6 +105,7 @@ class Problem:
             share=self.share[kept],
             power=self.power[kept],
             bends=None if self.bends is None else self.bends[:, kept],
+            usable=None if self.usable is None else self.usable[kept],
         )
 
     def behind(self, low_pass: LowPass) -> Problem:
@@ -173,22 +147,14 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class Solutions:
-    """
-    Fits of s subsets.
+    """Fits of s subsets."""
 
-    Attributes
-    ----------
-    masks, squares : ndarray, shape (s, p)
-        Terms of each subset, and their squared coefficients.
-    degrees : ndarray, shape (s, k)
-        Degrees of freedom of each point under each fit.
-    misfit, score : ndarray, shape (s,)
-        −2 ln L, and the same with `PENALTY` per term; inf where the optimum is not positive.
-    """
-
+    # masks, squares: terms of each subset, and their squared coefficients
     masks: Bools
     squares: Floats
-    degrees: Floats
+    degrees: Floats  # degrees of freedom of each point under each fit
+    # misfit, score: −2 ln L, and the same with `PENALTY` per term; inf where the optimum is not
+    # positive
     misfit: Floats
     score: Floats
 
@@ -209,7 +175,7 @@ def prepare(
     m: Integers,
     deviation: Floats,
     period: float,
-    span: int,
+    samples: int,
     terms: str,
     *,
     usable: Floats | None = None,
@@ -226,8 +192,8 @@ def prepare(
         Allan deviations, above zero.
     period : float
         Sample period in s.
-    span : int
-        Length of the record in samples.
+    samples : int
+        Samples of the record, those that are missing not counted.
     terms : str
         Letters of the candidate terms.
     usable : ndarray, shape (k,), optional
@@ -248,7 +214,7 @@ def prepare(
         cross = pairs @ (seen.power**2).T
     else:
         cross = seen.cross[np.ix_(rows, rows)]
-    share = record_share(m, span)
+    share = record_share(m, samples)
     if usable is not None:
         share = share * usable
     scale = float(deviation.max())
@@ -262,12 +228,13 @@ def prepare(
         basis=basis,
         densities=densities,
         cross=cross.reshape(-1, tau.size),
-        record=span * period,
+        record=samples * period,
         share=share,
         frequency=seen.frequency,
         width=seen.width,
         power=seen.power / np.sqrt(share)[:, None],
         correlation_time=correlation_time,
+        usable=usable,
     )
 
 
@@ -277,14 +244,7 @@ def parameters_of(terms: str) -> Floats:
 
 
 def octaves_of(tau: Floats) -> Floats:
-    """
-    Return the octaves that each averaging time stands for, at most one.
-
-    Examples
-    --------
-    >>> octaves_of(np.array([1.0, 2.0, 2.0 * 2**0.5, 4.0, 16.0])).round(2).tolist()
-    [1.0, 0.75, 0.5, 1.0, 1.0]
-    """
+    """Return the octaves that each averaging time stands for, at most one."""
     log_tau = np.log2(tau)
     if log_tau.size < 2:
         return np.ones_like(log_tau)
@@ -297,18 +257,7 @@ def octaves_of(tau: Floats) -> Floats:
 
 
 def degrees_of_freedom(problem: Problem, squares: Floats) -> Floats:
-    """
-    Return the equivalent degrees of freedom of each point under given noise.
-
-    Parameters
-    ----------
-    squares : ndarray, shape (s, p)
-        Squared coefficients of s models.
-
-    Returns
-    -------
-    ndarray of float64, shape (s, k)
-    """
+    """Return the equivalent degrees of freedom of each point under given noise."""
     pairs = (squares[:, :, None] * squares[:, None, :]).reshape(len(squares), -1)
     scatter = pairs @ problem.scatter
     total = squares @ problem.basis
@@ -334,19 +283,7 @@ def ramp_leverage(problem: Problem) -> Floats:
 
 
 def solve(problem: Problem, masks: Bools) -> Solutions:
-    """
-    Fit every subset of terms.
-
-    Parameters
-    ----------
-    masks : ndarray of bool, shape (s, p)
-        Terms of each subset.
-
-    Returns
-    -------
-    Solutions
-        Squares of a subset whose optimum is not positive are clipped, and its score is inf.
-    """
+    """Fit every subset of terms."""
     raw = scored(
         problem.variance,
         problem.basis,

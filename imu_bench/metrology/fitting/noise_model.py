@@ -48,22 +48,6 @@ def variance_basis(tau: npt.ArrayLike, terms: str = TERMS) -> Floats:
     Return the Allan variance of each noise term whose coefficient is one.
 
     IEEE Std 952-1997 annex C: 3/τ² (Q), 1/τ (N), 2 ln 2/π (B), τ/3 (K), τ²/2 (R).
-
-    Parameters
-    ----------
-    tau : array_like, shape (k,)
-        Averaging times in s.
-    terms : str
-        Letters of `TERMS`.
-
-    Returns
-    -------
-    ndarray of float64, shape (len(terms), k)
-
-    Examples
-    --------
-    >>> variance_basis([3.0], 'NK').round(3).tolist()
-    [[0.333], [1.0]]
     """
     t = np.asarray(tau, dtype=np.float64)
     rows = {
@@ -90,10 +74,6 @@ def gauss_markov_variance(tau: npt.ArrayLike, correlation_time: float) -> Floats
         Averaging times in s.
     correlation_time : float
         T_c in s.
-
-    Returns
-    -------
-    ndarray of float64, shape (k,)
 
     Raises
     ------
@@ -122,24 +102,6 @@ def density_basis(frequency: npt.ArrayLike, period: float, terms: str = TERMS) -
     IEEE Std 952-1997 annex C gives them two-sided; one-sided is twice that.  White: 2 N².
     Flicker: B²/(π f).  Random walk: 2 K²/(2πf)².  Quantisation of rate sampled every τ0:
     8 Q²/τ0 · sin²(πfτ0).  The ramp is deterministic and has no density (zero).
-
-    Parameters
-    ----------
-    frequency : array_like, shape (k,)
-        Frequencies in Hz, above zero.
-    period : float
-        Sample period τ0 in s.
-    terms : str
-        Letters of `TERMS`.
-
-    Returns
-    -------
-    ndarray of float64, shape (len(terms), k)
-
-    Examples
-    --------
-    >>> density_basis([1.0], 0.01, 'N').tolist()
-    [[2.0]]
     """
     f = np.asarray(frequency, dtype=np.float64)
     rows = {
@@ -190,46 +152,28 @@ class GaussMarkov:
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """
-    The noise coefficients of one axis.
+    """The noise coefficients of one axis."""
 
-    Attributes
-    ----------
-    unit : str
-        Unit of the signal, 'm/s²' or 'rad/s'.
-    Q, N, B, K, R : Estimate
-        The coefficients; one that the data do not support is not observable.
-    gauss_markov : GaussMarkov or None
-        Present when it was asked for and the data support it.
-    low_pass : LowPass or None
-        The filter behind which the white noise is seen, where one bends the curve.
-    fitted : mapping of str to float
-        Coefficients of the fitted curve by letter.  More than the observable ones where the
-        curve shows something that could be either of two terms.
-    method : str
-        How the coefficients were found.
-    tau_low, tau_high : float
-        Averaging times in s over which the model was fitted.
-    chi2 : float
-        Mean squared residual over its expectation; about 1 for a model that fits.
-    flags : tuple of str
-        What a reader should know, one sentence each.
-    """
-
-    unit: str
+    unit: str  # unit of the signal, 'm/s²' or 'rad/s'
+    # Q, N, B, K, R: the coefficients; one that the data do not support is not observable
     Q: Estimate
     N: Estimate
     B: Estimate
     K: Estimate
     R: Estimate
+    # present when it was asked for and the data support it
     gauss_markov: GaussMarkov | None = None
+    # the filter behind which the white noise is seen, where one bends the curve
     low_pass: LowPass | None = None
+    # coefficients of the fitted curve by letter.  More than the observable ones where the curve
+    # shows something that could be either of two terms
     fitted: Mapping[str, float] = field(default_factory=dict)
-    method: str = ''
+    method: str = ''  # how the coefficients were found
+    # tau_low, tau_high: averaging times in s over which the model was fitted
     tau_low: float = 0.0
     tau_high: float = math.inf
-    chi2: float = 1.0
-    flags: tuple[str, ...] = ()
+    chi2: float = 1.0  # mean squared residual over its expectation; about 1 for a model that fits
+    flags: tuple[str, ...] = ()  # what a reader should know, one sentence each
 
     @property
     def tau_flat(self) -> float:

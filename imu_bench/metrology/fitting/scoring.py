@@ -32,14 +32,7 @@ _PASSES = 8
 
 @lru_cache(maxsize=64)
 def subsets(count: int, largest: int) -> Bools:
-    """
-    Return every non-empty subset of `count` terms with at most `largest` of them.
-
-    Examples
-    --------
-    >>> subsets(2, 2).astype(int).tolist()
-    [[0, 1], [1, 0], [1, 1]]
-    """
+    """Return every non-empty subset of `count` terms with at most `largest` of them."""
     masks = np.array(list(product((False, True), repeat=count)), dtype=np.bool_)
     sizes = masks.sum(axis=1)
     chosen: Bools = masks[(sizes > 0) & (sizes <= largest)]
@@ -53,25 +46,7 @@ def scored(
     degrees_of: Callable[[Floats], Floats],
     first: Floats,
 ) -> Floats:
-    """
-    Solve the likelihood equations of σ² χ²_ν/ν for σ² = Σ θ_j basis_j, by Fisher scoring.
-
-    Parameters
-    ----------
-    data : ndarray, shape (k,)
-    basis : ndarray, shape (p, k)
-    masks : ndarray of bool, shape (s, p)
-        Terms of each of s models.
-    degrees_of : callable
-        Returns the degrees of freedom, shape (s, k), under squares of shape (s, p).
-    first : ndarray, shape (k,)
-        Degrees of freedom to start from.
-
-    Returns
-    -------
-    ndarray of float64, shape (s, p)
-        The squares θ, zero outside each subset; not clipped, so that a negative one shows.
-    """
+    """Solve the likelihood equations of σ² χ²_ν/ν for σ² = Σ θ_j basis_j, by Fisher scoring."""
     count, terms = masks.shape
     products = (basis[:, None, :] * basis[None, :, :]).reshape(terms * terms, -1)
     sums = np.vstack([products, basis * data]).T
@@ -106,17 +81,7 @@ def granted(degrees: Floats) -> Floats:
 def minus_two_log_likelihood(
     data: Floats, model: Floats, degrees: Floats, counts: Floats | float = 1.0
 ) -> Floats:
-    """
-    Return −2 ln L of σ² χ²_ν/ν, without its constant.
-
-    Parameters
-    ----------
-    data : ndarray, shape (k,)
-    model, degrees : ndarray, shape (s, k)
-        σ² and ν.
-    counts : ndarray, shape (k,), or float
-        Independent points that each point stands for.
-    """
+    """Return −2 ln L of σ² χ²_ν/ν, without its constant."""
     half = 0.5 * degrees
     ratio = data / np.maximum(model, 0.01 * data)
     log_density = half * (np.log(half * ratio) - ratio) - special.gammaln(half)

@@ -82,19 +82,7 @@ class Glance(Judged):
 def glance(
     problem: Problem, degrees: Floats, columns: Floats | None = None, passes: int = PASSES
 ) -> Glance:
-    """
-    Return what non-negative sums of the terms leave of a curve.
-
-    Parameters
-    ----------
-    problem : Problem
-    degrees : ndarray, shape (k,)
-        Degrees of freedom of each point, to within a few times.
-    columns : ndarray, shape (q, k), optional
-        Allan variances, in the place of those of the terms.
-    passes : int
-        Times that the weights follow the model.
-    """
+    """Return what non-negative sums of the terms leave of a curve."""
     columns = problem.basis if columns is None else columns
     data = problem.variance
     exact = np.sqrt(0.5 * granted(degrees))

@@ -33,26 +33,14 @@ _END_LOSS = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """
-    The weights H of a set of averaging times on a grid of frequencies.
+    """The weights H of a set of averaging times on a grid of frequencies."""
 
-    Attributes
-    ----------
-    frequency, width : ndarray, shape (f,)
-        Frequencies in Hz, and the part of the axis in Hz each stands for.
-    power : ndarray, shape (k, f)
-        H of each averaging time.
-    densities : ndarray, shape (5, f)
-        One-sided densities of Q, N, B, K and R with coefficient one.
-    cross : ndarray, shape (5, 5, k)
-        ∫ D_a D_b H² df for every pair of densities: the scatter of every mixture.
-    """
-
+    # frequency, width: frequencies in Hz, and the part of the axis in Hz each stands for
     frequency: Floats
     width: Floats
-    power: Floats
-    densities: Floats
-    cross: Floats
+    power: Floats  # H of each averaging time
+    densities: Floats  # one-sided densities of Q, N, B, K and R with coefficient one
+    cross: Floats  # ∫ D_a D_b H² df for every pair of densities: the scatter of every mixture
 
 
 @lru_cache(maxsize=32)
@@ -74,12 +62,6 @@ def transfer(m: Integers, period: float) -> Transfer:
     Return the weights of the averaging factors `m`, ascending, at sample period `period`.
 
     The result is kept, because a live analysis asks for the same factors again and again.
-
-    Examples
-    --------
-    >>> t = transfer(np.array([1, 10, 100]), 0.01)
-    >>> np.round(2.0 * t.power @ t.width, 1).tolist()   # white noise, N = 1: N²/τ
-    [100.0, 10.0, 1.0]
     """
     return _cached(tuple(int(v) for v in m), float(period))
 
@@ -104,11 +86,6 @@ def overlapped_degrees(alpha: Integers, m: Integers, period: float, span: int) -
         Sample period in s.
     span : int
         Samples of a record without gaps.
-
-    Examples
-    --------
-    >>> overlapped_degrees(np.array([0, -2]), np.array([10, 100]), 1.0, 10_000).round(-1)
-    array([1480.,   90.])
     """
     seen = transfer(m, period)
     exponent = np.maximum(np.asarray(alpha, np.float64), -2.0)[:, None]

@@ -27,18 +27,10 @@ _STEPS = np.sinh(np.linspace(-5.0, 9.0, 180))
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """
-    How the estimate of one squared coefficient answers to noise.
+    """How the estimate of one squared coefficient answers to noise."""
 
-    Attributes
-    ----------
-    value : float
-        The estimate, which may be negative.
-    second, third : ndarray, shapes (3,) and (4,)
-        Variance and third cumulant, as polynomials in the true square.
-    """
-
-    value: float
+    value: float  # the estimate, which may be negative
+    # second, third: variance and third cumulant, as polynomials in the true square
     second: Floats
     third: Floats
 
@@ -90,14 +82,7 @@ def _crossing(trials: Floats, falling: Floats, level: float) -> float:
 
 
 def pearson3_below(z: Floats, skewness: Floats) -> Floats:
-    """
-    Return the distribution function of a standardised Pearson type III variable.
-
-    Examples
-    --------
-    >>> pearson3_below(np.array([0.0, 1.0]), np.array([0.0, 2.0])).round(4).tolist()
-    [0.5, 0.8647]
-    """
+    """Return the distribution function of a standardised Pearson type III variable."""
     flat = np.abs(skewness) < 1e-3
     shape = 4.0 / np.where(flat, 1.0, skewness) ** 2
     # z in units of a gamma variable of this shape, mirrored for negative skewness
@@ -150,7 +135,13 @@ def respond(
     gains = rows @ problem.power
     others = (noise @ problem.densities - present[:, None] * own) * gains
     per_record = problem.width / problem.record
-    second, third = cumulants(others, own * gains, per_record, 2.0 * per_record / problem.record)
+    second = variance_in(others, own * gains, per_record)
+    if problem.usable is not None:
+        # `power` carries the share that gaps leave as a variance does, its root; a third
+        # cumulant, of the square of the record, wants the third root of the square
+        gains = rows @ (problem.power * problem.usable[:, None] ** (-1.0 / 6.0))
+        others = (noise @ problem.densities - present[:, None] * own) * gains
+    third = third_cumulant_in(others, own * gains, 2.0 * per_record / problem.record)
     if problem.ramp is not None:
         ramp = _ramp_responses(problem, noise, rows)
         is_ramp = np.array([letter == 'R' for letter in letters])
@@ -158,7 +149,8 @@ def respond(
         second[:, 0] += np.where(is_ramp, 0.0, noise[problem.ramp] * ramp)
     values = rows @ problem.variance
     return {
-        letter: Response(float(values[i]), second[i], third[i]) for i, letter in enumerate(letters)
+        letter: Response(float(values[i]), second[i] * widening**2, third[i] * widening**3)
+        for i, letter in enumerate(letters)
     }
 
 
@@ -172,34 +164,18 @@ def _rows(problem: Problem, fitted: Fitted, columns: Floats) -> Floats:
     return np.asarray(np.linalg.solve(normal, columns * weights) * scale[:, None], np.float64)
 
 
-def cumulants(others: Floats, own: Floats, second: Floats, third: Floats) -> tuple[Floats, Floats]:
-    """
-    Return variance and third cumulant of estimates as polynomials in their own truth.
+def variance_in(others: Floats, own: Floats, of_one: Floats) -> Floats:
+    """Return the variance of estimates as polynomials in their own truth, shape (p, 3)."""
+    parts = [others**2 @ of_one, 2.0 * ((others * own) @ of_one), own**2 @ of_one]
+    return np.stack(parts, axis=1)
 
-    Parameters
-    ----------
-    others, own : ndarray, shape (p, f)
-        Response to the other noise, and to this term with coefficient one, at each frequency.
-    second, third : ndarray, shape (f,)
-        Variance and third cumulant of a spectrum of one at each frequency.
 
-    Returns
-    -------
-    tuple of ndarray, shapes (p, 3) and (p, 4)
-    """
-    a2, ab, b2 = others**2, others * own, own**2
-    return (
-        np.stack([a2 @ second, 2.0 * (ab @ second), b2 @ second], axis=1),
-        np.stack(
-            [
-                (a2 * others) @ third,
-                3.0 * ((a2 * own) @ third),
-                3.0 * ((ab * own) @ third),
-                (b2 * own) @ third,
-            ],
-            axis=1,
-        ),
-    )
+def third_cumulant_in(others: Floats, own: Floats, of_one: Floats) -> Floats:
+    """Return the third cumulant, shape (p, 4), as `variance_in` does the variance."""
+    a2, b2 = others**2 * of_one, own**2 * of_one
+    parts = [(a2 * others).sum(axis=1), 3.0 * (a2 * own).sum(axis=1),
+             3.0 * (b2 * others).sum(axis=1), (b2 * own).sum(axis=1)]  # fmt: skip
+    return np.stack(parts, axis=1)
 
 
 def _ramp_responses(problem: Problem, noise: Floats, rows: Floats) -> Floats:

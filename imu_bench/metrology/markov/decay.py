@@ -73,23 +73,13 @@ class Autocorrelation:
 
 @dataclass(frozen=True)
 class Decay:
-    """
-    A Gauss-Markov process read from an autocorrelation.
+    """A Gauss-Markov process read from an autocorrelation."""
 
-    Attributes
-    ----------
-    sigma, T_c : Estimate
-        Standard deviation and correlation time of the process.
-    white : Estimate
-        Standard deviation of the white noise on top, which adds to lag zero only.
-    misfit : float
-        RMS difference between the normalised autocorrelation and e^(−t/T_c) up to T_c.
-    """
-
+    # sigma, T_c: standard deviation and correlation time of the process
     sigma: Estimate
     T_c: Estimate
-    white: Estimate
-    misfit: float
+    white: Estimate  # standard deviation of the white noise on top, which adds to lag zero only
+    misfit: float  # RMS difference between the normalised autocorrelation and e^(−t/T_c) up to T_c
 
     @property
     def process(self) -> Process | None:
@@ -106,12 +96,6 @@ def block_average(data: npt.ArrayLike, rate_hz: float, block_s: float) -> tuple[
     A process far below the white noise of a sample comes out once enough samples are averaged;
     a tenth of the correlation time costs the process nothing.  A moving average would do the
     same but leave neighbours that share samples, whose white noise looks correlated.
-
-    Examples
-    --------
-    >>> averages, rate = block_average([0.0, 2.0, 4.0, 6.0, 9.0], 2.0, 1.0)
-    >>> averages.tolist(), rate
-    ([1.0, 5.0], 1.0)
     """
     x = _samples(data, rate_hz)
     size = max(round(block_s * rate_hz), 1)
@@ -175,7 +159,6 @@ def from_autocorrelation(correlation: Autocorrelation, *, confidence: float = CO
 
     Parameters
     ----------
-    correlation : Autocorrelation
     confidence : float
         Level of the intervals.
 

@@ -28,14 +28,6 @@ class Process:
     """
     A stationary first-order Gauss-Markov process.
 
-    Attributes
-    ----------
-    sigma : float
-        Standard deviation.
-    correlation_time : float
-        T_c in s: the autocorrelation is sigma² e^(−|t|/T_c) (Shabulinzenze 2020, Tampere
-        University MSc thesis, equation 3.26).
-
     Raises
     ------
     DataError
@@ -47,7 +39,9 @@ class Process:
     0.2828
     """
 
-    sigma: float
+    sigma: float  # standard deviation
+    # T_c in s: the autocorrelation is sigma² e^(−|t|/T_c) (Shabulinzenze 2020, Tampere University
+    # MSc thesis, equation 3.26)
     correlation_time: float
 
     def __post_init__(self) -> None:
@@ -102,7 +96,6 @@ def from_allan(
 
     Parameters
     ----------
-    curve : DeviationCurve
     white : float
         Coefficient N of white noise to take off the curve first.
     confidence : float, optional

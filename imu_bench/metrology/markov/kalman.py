@@ -42,48 +42,28 @@ _BLOCKS = 60
 
 @dataclass(frozen=True, eq=False)
 class Whiteness:
-    """
-    Whether innovations are white, as those of a filter with the right model are.
+    """Whether innovations are white, as those of a filter with the right model are."""
 
-    Attributes
-    ----------
-    fast, slow : float
-        Probability of autocorrelations this large by chance, between samples and between
-        averages over a quarter of the correlation time; `slow` is 1 for a short record.
-    variance : float
-        Mean square of the normalised innovations; 1 for the right noise levels.
-    white : bool
-        Whether both probabilities exceed one in a thousand.
-    """
-
+    # fast, slow: probability of autocorrelations this large by chance, between samples and between
+    # averages over a quarter of the correlation time; `slow` is 1 for a short record
     fast: float
     slow: float
-    variance: float
-    white: bool
+    variance: float  # mean square of the normalised innovations; 1 for the right noise levels
+    white: bool  # whether both probabilities exceed one in a thousand
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """
-    A tracked bias.  All arrays have shape (n,).
+    """A tracked bias.  All arrays have shape (n,)."""
 
-    Attributes
-    ----------
-    bias, deviation : ndarray
-        Estimate after each sample and its standard deviation, in the unit of the signal, mean
-        of the signal included.
-    innovation : ndarray
-        Difference between each sample and its prediction over its standard deviation; 0 for
-        missing samples.
-    valid : ndarray of bool
-        False where a sample was missing.
-    whiteness : Whiteness
-    """
-
+    # bias, deviation: estimate after each sample and its standard deviation, in the unit of the
+    # signal, mean of the signal included
     bias: Floats
     deviation: Floats
+    # difference between each sample and its prediction over its standard deviation; 0 for missing
+    # samples
     innovation: Floats
-    valid: Bools
+    valid: Bools  # false where a sample was missing
     whiteness: Whiteness
 
 
@@ -126,10 +106,6 @@ def track(
         Standard deviation of the white noise of a sample.
     valid : array_like of bool, shape (n,), optional
         False where a sample is missing: the filter predicts across.
-
-    Returns
-    -------
-    Track
 
     Raises
     ------
@@ -248,22 +224,7 @@ def whiteness(innovation: npt.ArrayLike, block: int) -> Whiteness:
     """
     Return whether normalised innovations are white.
 
-    Parameters
-    ----------
-    innovation : array_like, shape (n,)
-        Innovations over their standard deviation.
-    block : int
-        Samples per average of the slow test, which sees a drift that the model does not
-        follow and that is far below the noise of one sample.
-
-    Notes
-    -----
     G. M. Ljung and G. E. P. Box, Biometrika 65 (1978) 297, over 20 lags.
-
-    Examples
-    --------
-    >>> whiteness(np.random.default_rng(1).standard_normal(10_000), 50).white
-    True
     """
     x = np.asarray(innovation, np.float64)
     blocks = x.size // max(block, 1)
@@ -283,7 +244,6 @@ def moving_average(
 
     Parameters
     ----------
-    data : array_like, shape (n,)
     rate_hz : float
         Samples per second.
     window_s : float
@@ -324,7 +284,6 @@ def rmse(
 
     Parameters
     ----------
-    tracked : Track
     data : array_like, shape (n,)
         The samples that were tracked.
     rate_hz : float

@@ -22,24 +22,12 @@ PENDING = 4096
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """
-    Successive samples whose stamps have been judged.
-
-    Attributes
-    ----------
-    stamps : ndarray of int64, shape (n,)
-    values : ndarray, shape (axes, n)
-        Zero for an axis that is not measured.
-    breaks : list of int
-        Indices of samples before which some are missing.
-    steps : list of float
-        Time in ns across each of these gaps; -1 where the clock was set back.
-    """
+    """Successive samples whose stamps have been judged."""
 
     stamps: Integers
-    values: Floats
-    breaks: list[int]
-    steps: list[float]
+    values: Floats  # zero for an axis that is not measured
+    breaks: list[int]  # indices of samples before which some are missing
+    steps: list[float]  # time in ns across each of these gaps; -1 where the clock was set back
 
     @classmethod
     def of(cls, stamps: Integers, rows: Floats, keep: Mask, step: Floats) -> Piece:
@@ -51,30 +39,13 @@ class Piece:
 
 
 class Intake:
-    """
-    Judges blocks of samples as they come.
-
-    Parameters
-    ----------
-    axes : int
-    period : float
-        Nominal sample period in ns, used where the first samples show none.
-    patience : int
-        Rows without a usable one after which what is measured is looked at afresh.
-
-    Attributes
-    ----------
-    epoch : int
-        Grows when the set of measured axes changes; everything before is void then.
-    measured : ndarray of bool, shape (axes,)
-    left_out : int
-        Rows with a value that is not finite on a measured axis.
-    """
+    """Judges blocks of samples as they come."""
 
     def __init__(self, axes: int, period: float, patience: int) -> None:
+        # grows when the set of measured axes changes; everything before is void then
         self.epoch = 0
         self.measured = np.zeros(axes, dtype=np.bool_)
-        self.left_out = 0
+        self.left_out = 0  # rows with a value that is not finite on a measured axis
         self._nominal = period
         self._patience = patience
         self._unusable = 0

@@ -32,29 +32,19 @@ class SampleRing:
     backwards from the newest, with the latest mean taken out, whenever the
     memory is full and whenever a step or a transient made it run away; no
     rounding of the past survives in it.
-
-    Attributes
-    ----------
-    first, end : int
-        Number of the oldest sample held, and of the one that comes next.
-    floor : int
-        Number of the first sample after the clock was last set back.
-    phase : ndarray, shape (axes, capacity + 1)
-        ``phase[:, k - first]`` is the sum of what comes before sample k.
-    breaks : list of int
-        Numbers of the samples before which some are missing, in order.
-    steps : list of float
-        Time in ns across each of these gaps.
     """
 
     def __init__(self, axes: int, window: int, slack: int) -> None:
         self.window = window
         self.capacity = window + slack
+        # number of the first sample after the clock was last set back
         self.first = self.end = self.floor = 0
+        # numbers of the samples before which some are missing, in order
         self.breaks: list[int] = []
-        self.steps: list[float] = []
+        self.steps: list[float] = []  # time in ns across each of these gaps
         self.stamps = np.zeros(self.capacity, dtype=np.int64)
         self.values = np.zeros((axes, self.capacity))
+        # ``phase[:, k - first]`` is the sum of what comes before sample k
         self.phase = np.zeros((axes, self.capacity + 1))
         self._slope = np.zeros((axes, 1))
 

@@ -67,17 +67,7 @@ class WindowSums:
                     low = stop
 
     def total(self, start: int, end: int) -> Floats:
-        """
-        Return the sums over the differences that start at `start` or later, shape (k, axes).
-
-        Parameters
-        ----------
-        start : int
-            Number of the first sample of the window.
-        end : int
-            One past the last sample counted by `add`; what the ring holds beyond
-            is counted here, and not kept.
-        """
+        """Return the sums over the differences that start at `start` or later, shape (k, axes)."""
         ring = self._ring
         last = max(end - 1, 0) // BIN + 1
         whole = min(-(-start // BIN), last)

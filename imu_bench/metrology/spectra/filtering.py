@@ -56,7 +56,6 @@ def zero_phase(
 
     Parameters
     ----------
-    data : array_like, shape (n,)
     rate_hz : float
         Sample rate.
     high_pass, low_pass : float, optional

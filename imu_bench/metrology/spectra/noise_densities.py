@@ -18,28 +18,13 @@ that is off by 20 % makes as much of sigma/√bandwidth.
 
 @dataclass(frozen=True)
 class NoiseDensities:
-    """
-    One-sided noise density by three methods, and what their difference means.
+    """One-sided noise density by three methods, and what their difference means."""
 
-    Attributes
-    ----------
-    from_sigma : Estimate
-        Standard deviation over the square root of the noise bandwidth.
-    from_plateau : Estimate
-        Flat part of the spectrum.
-    from_allan : Estimate
-        Square root of 2 times N.
-    agree : bool
-        Whether all that are observable agree.
-    verdict : str
-        One sentence for the user.
-    """
-
-    from_sigma: Estimate
-    from_plateau: Estimate
-    from_allan: Estimate
-    agree: bool
-    verdict: str
+    from_sigma: Estimate  # standard deviation over the square root of the noise bandwidth
+    from_plateau: Estimate  # flat part of the spectrum
+    from_allan: Estimate  # square root of 2 times N
+    agree: bool  # whether all that are observable agree
+    verdict: str  # one sentence for the user
 
 
 def compare_densities(
@@ -56,11 +41,6 @@ def compare_densities(
         Of `spectrum.plateau`.
     from_allan : Estimate
         One-sided, `spectrum.one_sided(N)`.
-
-    Raises
-    ------
-    DataError
-        If the units differ.
 
     Notes
     -----

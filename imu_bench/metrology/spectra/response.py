@@ -57,21 +57,11 @@ tones, 1 the phase transform, which follows noise."""
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """
-    One axis on its regular time grid.
+    """One axis on its regular time grid."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        Without gaps.
-    rate_hz : float
-    start_s : float
-        Time of the first sample.
-    """
-
-    values: Floats
+    values: Floats  # without gaps
     rate_hz: float
-    start_s: float
+    start_s: float  # time of the first sample
 
     @property
     def end_s(self) -> float:
@@ -81,35 +71,21 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """
-    What a sensor shows of what the reference shows.  Arrays have shape (k,).
+    """What a sensor shows of what the reference shows.  Arrays have shape (k,)."""
 
-    Attributes
-    ----------
-    offset : Estimate
-        Time by which the sensor is late, in s: of its clock and of its filter together.
-    frequency : ndarray
-        Hz.
-    gain, gain_low, gain_high : ndarray
-        |H1| and its interval.
-    phase : ndarray
-        rad, with the offset taken out.
-    coherence, coherence_low, coherence_high : ndarray
-        Magnitude squared, and its interval.
-    averages : float
-        Independent averages.
-    """
-
+    # time by which the sensor is late, in s: of its clock and of its filter together
     offset: Estimate
-    frequency: Floats
+    frequency: Floats  # Hz
+    # gain, gain_low, gain_high: |H1| and its interval
     gain: Floats
     gain_low: Floats
     gain_high: Floats
-    phase: Floats
+    phase: Floats  # rad, with the offset taken out
+    # coherence, coherence_low, coherence_high: magnitude squared, and its interval
     coherence: Floats
     coherence_low: Floats
     coherence_high: Floats
-    averages: float
+    averages: float  # independent averages
 
     def at(self, frequency_hz: float, confidence: float = CONFIDENCE) -> Estimate:
         """Return the gain at one frequency; not observable outside the range compared."""
@@ -146,7 +122,6 @@ def compare(
         Lowest frequency that is compared; the offset is found from what is above it.
     longest_offset_s : float, optional
         Largest time offset looked for; half of the shorter record if not given.
-    confidence : float
 
     Raises
     ------

@@ -29,25 +29,14 @@ _DECIBEL = 10.0 / math.log(10.0)
 
 @dataclass(frozen=True)
 class Snr:
-    """
-    A sine and the noise beside it.
+    """A sine and the noise beside it."""
 
-    Attributes
-    ----------
-    ratio : Estimate
-        Signal power over noise power in dB.
-    frequency : float
-        Of the fundamental, Hz: centroid of its line.
-    signal, noise : float
-        Power in the squared unit of the data.
-    harmonics : tuple of float
-        Power of the second to the last harmonic left out, 0 where none stands out.
-    """
-
-    ratio: Estimate
-    frequency: float
+    ratio: Estimate  # signal power over noise power in dB
+    frequency: float  # of the fundamental, Hz: centroid of its line
+    # signal, noise: power in the squared unit of the data
     signal: float
     noise: float
+    # power of the second to the last harmonic left out, 0 where none stands out
     harmonics: tuple[float, ...]
 
 

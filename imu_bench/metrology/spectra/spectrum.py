@@ -65,30 +65,9 @@ def equivalent_noise_bandwidth(
     """
     Return the width of the ideal filter that passes as much white noise, in Hz.
 
-    Parameters
-    ----------
-    bandwidth_hz : float
-        -3 dB bandwidth.
-    filter : {'ideal', 'first-order', 'second-order'}
-        Second-order means maximally flat (Butterworth).
-
-    Notes
-    -----
     A Butterworth filter of order n passes the integral of 1 / (1 + x^2n) over x > 0,
     (pi / 2n) / sin(pi / 2n), times its -3 dB bandwidth: pi/2 = 1.571 for n = 1, 1.111 for
     n = 2.
-
-    Raises
-    ------
-    DataError
-        If the bandwidth is not positive or the filter unknown.
-
-    Examples
-    --------
-    >>> round(equivalent_noise_bandwidth(100.0, 'first-order'), 1)
-    157.1
-    >>> round(equivalent_noise_bandwidth(100.0, 'second-order'), 1)
-    111.1
     """
     if not (bandwidth_hz > 0 and math.isfinite(bandwidth_hz)):
         raise DataError(f'a bandwidth is a positive number of Hz, got {bandwidth_hz}')
@@ -155,14 +134,7 @@ def two_sided(density: Estimate) -> Estimate:
 
 
 def one_sided(density: Estimate) -> Estimate:
-    """
-    Return a two-sided amplitude density, such as N of an Allan curve, as a one-sided one.
-
-    Examples
-    --------
-    >>> round(one_sided(Estimate(1.0, None, None, 'm/s²/√Hz')).value, 4)
-    1.4142
-    """
+    """Return a two-sided amplitude density, such as N of an Allan curve, as a one-sided one."""
     return density.scaled(math.sqrt(2.0), density.unit)
 
 
@@ -210,7 +182,6 @@ def plateau(
 
     Parameters
     ----------
-    spectrum : Spectrum
     low_hz, high_hz : float, optional
         Look for it between these frequencies only.
     confidence : float

@@ -8,6 +8,7 @@ import math
 
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.spectra.welch import Spectrum
+from imu_bench.metrology.stretches import stretches
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, special
@@ -37,39 +38,18 @@ tone in a Hann window is 0.98 or more, less what noise adds.
 
 @dataclass(frozen=True)
 class Tone:
-    """
-    One tone.
+    """One tone."""
 
-    Attributes
-    ----------
-    frequency : Estimate
-        Hz.
-    amplitude : Estimate
-        Peak amplitude of the sine, in the unit of the signal.
-    above_floor : float
-        Height of its line above the noise floor, as a ratio of power densities.
-    steady : bool
-        Whether the line is as narrow as the resolution; a line that is wider belongs
-        to a resonance or a tone that wanders.
-    """
-
-    frequency: Estimate
-    amplitude: Estimate
-    above_floor: float
+    frequency: Estimate  # Hz
+    amplitude: Estimate  # peak amplitude of the sine, in the unit of the signal
+    above_floor: float  # height of its line above the noise floor, as a ratio of power densities
+    # whether the line is as narrow as the resolution; a line that is wider belongs to a resonance
+    # or a tone that wanders
     steady: bool
 
 
 def floor(spectrum: Spectrum) -> Floats:
-    """
-    Return the noise floor under the tones: the running median over neighbouring bins.
-
-    Examples
-    --------
-    >>> from imu_bench.metrology.spectra.welch import psd
-    >>> s = psd(np.random.default_rng(1).normal(size=50_000), 100.0)
-    >>> bool(np.all(np.abs(floor(s)[:-1] / 0.02 - 1) < 0.3))
-    True
-    """
+    """Return the noise floor under the tones: the running median over neighbouring bins."""
     decibel = np.log(np.maximum(spectrum.density, np.finfo(float).tiny))
     decibel[-1] = decibel[-2:].max()  # the bin at half the rate may hold half the density
     size = decibel.size
@@ -132,15 +112,7 @@ def _leakage(density: Floats, peaks: npt.NDArray[np.int64], at: int) -> float:
 
 
 def tone_mask(spectrum: Spectrum, false_alarm: float = FALSE_ALARM) -> Mask:
-    """
-    Return which bins belong to tones.
-
-    Examples
-    --------
-    >>> from imu_bench.metrology.spectra.welch import psd
-    >>> bool(tone_mask(psd(np.random.default_rng(1).normal(size=9000), 100.0)).any())
-    False
-    """
+    """Return which bins belong to tones."""
     mask = np.zeros(spectrum.density.size, dtype=np.bool_)
     for left, right in _lines(spectrum, floor(spectrum), false_alarm):
         mask[max(0, left - LOBE) : right + LOBE + 1] = True
@@ -159,8 +131,7 @@ def _lines(spectrum: Spectrum, level: Floats, false_alarm: float) -> list[tuple[
     above = ratio > limit
     above[: min(3, size)] = False  # the mean was removed; nothing is measured here
     above[-1:] = False
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], above, [False]])))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [(a, b - 1) for a, b in stretches(above).tolist()]
 
 
 def _measured(spectrum: Spectrum, level: Floats, peak: int, left: int, right: int) -> Tone:

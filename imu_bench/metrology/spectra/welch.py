@@ -15,7 +15,8 @@ import math
 from typing import Literal
 
 from imu_bench.errors import DataError
-from imu_bench.metrology.estimate import CONFIDENCE
+from imu_bench.metrology.estimate import check_confidence, CONFIDENCE
+from imu_bench.metrology.stretches import stretches
 import numpy as np
 import numpy.typing as npt
 from scipy import fft, special
@@ -41,46 +42,22 @@ _AT_ONCE = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """
-    A one-sided power spectral density.  Arrays have shape (k,); the bin at 0 Hz is left out.
+    """A one-sided power spectral density.  Arrays have shape (k,); the bin at 0 Hz is left out."""
 
-    Attributes
-    ----------
-    frequency : ndarray of float64
-        Hz.
-    density, low, high : ndarray of float64
-        Power spectral density and its chi-squared interval, unit²/Hz.
-    edf : ndarray of float64
-        Equivalent degrees of freedom.
-    unit : str
-        Unit of the signal.
-    resolution : float
-        Distance of the bins in Hz; a Hann window resolves two of them.
-    segments : int
-        Overlapping segments averaged.
-    samples : int
-        Samples that went into them.
-    average : str
-        'mean' or 'median'.
-    bias : float
-        What the median of noise was divided by, 1 for the mean; the line of a steady
-        tone has none.
-    confidence : float
-        Level of the interval.
-    """
-
-    frequency: Floats
+    frequency: Floats  # Hz
+    # density, low, high: power spectral density and its chi-squared interval, unit²/Hz
     density: Floats
     low: Floats
     high: Floats
-    edf: Floats
-    unit: str
-    resolution: float
-    segments: int
-    samples: int
-    average: str
+    edf: Floats  # equivalent degrees of freedom
+    unit: str  # unit of the signal
+    resolution: float  # distance of the bins in Hz; a Hann window resolves two of them
+    segments: int  # overlapping segments averaged
+    samples: int  # samples that went into them
+    average: str  # 'mean' or 'median'
+    # what the median of noise was divided by, 1 for the mean; the line of a steady tone has none
     bias: float
-    confidence: float
+    confidence: float  # level of the interval
 
     @property
     def density_unit(self) -> str:
@@ -126,11 +103,6 @@ def psd(
         False where a sample is missing; segments lie between gaps.
     confidence : float
         Level of the interval.
-
-    Raises
-    ------
-    DataError
-        If no segment fits, or the data are not finite.
 
     Notes
     -----
@@ -186,8 +158,7 @@ def _runs(n: int, valid: npt.ArrayLike | None) -> list[tuple[int, int]]:
     mask = np.asarray(valid, dtype=np.bool_)
     if mask.shape != (n,):
         raise DataError(f'valid has shape {mask.shape}, the data ({n},)')
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [(a, b) for a, b in stretches(mask).tolist()]
 
 
 def _length(runs: list[tuple[int, int]], rate_hz: float, resolution_hz: float | None) -> int:
@@ -302,8 +273,7 @@ def _median_factors(freedom: float, groups: int) -> tuple[float, float]:
 
 
 def _interval(density: Floats, degrees: Floats, confidence: float) -> tuple[Floats, Floats]:
-    if not 0.0 < confidence < 1.0:
-        raise DataError(f'confidence must lie between 0 and 1, got {confidence}')
+    check_confidence(confidence)
     tail = (1.0 - confidence) / 2.0
     # all bins but one or two have the same degrees of freedom
     half, own = np.unique(degrees / 2.0, return_inverse=True)

@@ -14,16 +14,19 @@ that a recording judged at once and a stream judged block by block agree:
    missing before a group when it and the next groups are all late by half a
    period or more with respect to the groups before; the missing number is that
    lateness, rounded.  A stall that is caught up therefore leaves no gap, and
-   without stalls this is the rounding of successive differences.
+   without stalls this is the rounding of successive differences.  Between stamps with
+   jitter the lateness must last.
 4. A group among single samples after which everything is early by its surplus
    holds duplicates; the later copies are dropped.
-5. Where stamps are coarser than a twentieth of the period, lateness within one
+5. Where stamps take two steps by turns, only a longer one is a gap.
+6. Where stamps are coarser than a twentieth of the period, lateness within one
    step of the stamps proves nothing and is not called a gap.
 """
 
 from __future__ import annotations
 
 from imu_bench.metrology.stamps.stamp_rule import GROUPED, Rule
+from imu_bench.metrology.stretches import stretches
 import numpy as np
 import numpy.typing as npt
 
@@ -54,6 +57,9 @@ _BACKLOG = 0.4
 """A group earlier than the level by more ends a backlog.  This and `_SAME` were chosen by
 Monte Carlo: fewest gaps missed and invented for jitter of 0.1 to 0.3 periods."""
 
+_QUIET = 0.05
+"""Median step in lateness below which a leap of half a period, ten times as much, is no jitter."""
+
 
 class Continuity:
     """
@@ -61,14 +67,6 @@ class Continuity:
 
     A sample whose step is plain is settled at once; one that follows a leap, a
     burst or a step back waits until its neighbours are known.
-
-    Examples
-    --------
-    >>> stream = Continuity(Rule(period=10.0))
-    >>> stamps = np.array([0, 10, 20, 50, 60, 70, 80, 90, 100, 110, 120])
-    >>> keep, step = stream.settle(stamps, final=True)
-    >>> bool(keep.all()), np.flatnonzero(step).tolist(), float(step[3])
-    (True, [3], 30.0)
     """
 
     def __init__(self, rule: Rule, pending_limit: int = PENDING_LIMIT) -> None:
@@ -85,24 +83,7 @@ class Continuity:
         return int(self._pending.size)
 
     def settle(self, stamps: Integers, *, final: bool = False) -> tuple[Mask, Floats]:
-        """
-        Take more stamps; return the judgement of those settled, in the order handed in.
-
-        Parameters
-        ----------
-        stamps : ndarray of int64, shape (n,)
-            In ns.
-        final : bool
-            Nothing follows: settle everything.
-
-        Returns
-        -------
-        keep : ndarray of bool, shape (k,)
-            False for order faults and duplicates.
-        step : ndarray of float64, shape (k,)
-            Where samples are missing right before this one: time in ns from the sample
-            before, freed of stalls, or -1 where the clock was set back; 0 elsewhere.
-        """
+        """Take more stamps; return the judgement of those settled, in the order handed in."""
         work = np.concatenate([self._pending, stamps]) if self._pending.size else stamps
         keep, step, settled, faults = self._judge(work)
         if final or work.size - settled > self._limit:
@@ -183,8 +164,7 @@ def _in_order(context: Integers, part: Integers, period: float) -> tuple[Mask, M
     while start < stamps.size:
         top = np.maximum.accumulate(np.maximum(stamps[start:], highest))
         late = stamps[start:] < top
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], late, [False]])))
-        begin, end = edges[::2], edges[1::2]
+        begin, end = stretches(late).T
         lasting = np.flatnonzero(end - begin >= CLOCK_STEP)
         stop = stamps.size if lasting.size == 0 else start + int(begin[lasting[0]])
         kept[place[start:stop][late[: stop - start]]] = False
@@ -246,8 +226,28 @@ def _holes(ends: Floats, rule: Rule) -> Floats:
     late = np.where(backlog, lowest, after) - before
     # the leap itself is surer of the number than levels that may span another gap
     number = np.where(backlog, late, 0.5 * (late + ends[leap + 1] - ends[leap]))
-    found[leap] = np.where(late >= rule.lateness, (number + 1.0) * rule.period, 0.0)
+    lasting = (late >= rule.lateness) & _lasts(ends, leap)
+    if rule.uneven:  # steps of two lengths wander; only a step longer than both is a gap
+        lasting &= ends[leap + 1] - ends[leap] >= rule.lateness
+    found[leap] = np.where(lasting, (number + 1.0) * rule.period, 0.0)
     return found
+
+
+def _lasts(ends: Floats, leap: Integers) -> Mask:
+    """
+    Return whether the groups after a leap stay late, where jitter makes leaps of its own.
+
+    Missing samples shift everything that follows, jitter the next group only; so the medians of
+    `LOOK_AHEAD` groups on either side must differ as well.  Where the stamps around are quiet a
+    leap speaks for itself, and other gaps beside it may count as such.
+    """
+    reach = np.arange(LOOK_AHEAD)
+    before = ends[np.maximum(leap[:, None] - reach, 0)]
+    after = ends[np.minimum(leap[:, None] + 1 + reach, ends.size - 1)]
+    steps = np.abs(np.concatenate([np.diff(before), np.diff(after)], axis=1))
+    quiet = np.median(steps, axis=1) < _QUIET
+    late = np.median(after, axis=1) - np.median(before, axis=1)
+    return np.asarray(quiet | (late >= _HALF), np.bool_)
 
 
 def _level(ends: Floats, place: Integers, direction: int) -> Floats:

@@ -23,26 +23,14 @@ _PIECE = 1 << 18
 
 @dataclass(frozen=True)
 class Line:
-    """
-    The line through the stamps; times in ns.
+    """The line through the stamps; times in ns."""
 
-    Attributes
-    ----------
-    period, error : float
-        Slope per sample, and its standard error.
-    freedom : float
-        Degrees of freedom of the error; below 1 there is none.
-    wander : float
-        Largest excursion of a block mean from the line.
-    samples : int
-        Stamps the line goes through.
-    """
-
+    # period, error: slope per sample, and its standard error
     period: float
     error: float
-    freedom: float
-    wander: float
-    samples: int
+    freedom: float  # degrees of freedom of the error; below 1 there is none
+    wander: float  # largest excursion of a block mean from the line
+    samples: int  # stamps the line goes through
 
 
 @dataclass
@@ -145,14 +133,7 @@ def _group_ends(stamps: Integers, period: float) -> npt.NDArray[np.bool_] | None
 
 
 def gap_lengths(steps: Floats, period: float) -> Integers:
-    """
-    Return the samples missing in steps across gaps: at least 1, as each is a gap.
-
-    Examples
-    --------
-    >>> gap_lengths(np.array([40.0]), 10.0).tolist()
-    [3]
-    """
+    """Return the samples missing in steps across gaps: at least 1, as each is a gap."""
     return np.maximum(np.rint(steps / period).astype(np.int64) - 1, 1)
 
 
@@ -174,11 +155,6 @@ def straight_line(stamps: Integers, breaks: Integers, steps: Floats, guess: floa
         Time in ns across each of those gaps.
     guess : float
         Period in ns, for the case that no run has two samples.
-
-    Examples
-    --------
-    >>> straight_line(np.arange(0, 1000, 10), np.array([], dtype=int), np.array([]), 9.9).period
-    10.0
     """
     inner = stamps.size - 1 - breaks.size
     if inner > 0:  # the mean step within runs: needs no guess, and no two callers differ

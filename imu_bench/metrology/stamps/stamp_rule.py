@@ -18,6 +18,13 @@ _HALF = 0.5
 _COARSE = 0.05
 """Step of the stamps in periods below which they are fine: rounding to it scatters by 1.4 %."""
 
+_TWO = 1.2
+"""Ratio of two steps from which they are two."""
+
+_MULTIPLE = 0.05
+"""How far from a whole number a ratio is that missing samples may leave."""
+
+_FEW_STEPS = 40
 _STRETCH = 4096
 _RESOLUTIONS = (10**9, 10**8, 10**7, 10**6, 10**5, 10**4)
 """Steps in ns that are looked for, from a second to 10 µs: decimals of a second in text."""
@@ -25,38 +32,31 @@ _RESOLUTIONS = (10**9, 10**8, 10**7, 10**6, 10**5, 10**4)
 
 @dataclass(frozen=True)
 class Rule:
-    """
-    What the judgement needs to know of the stamps.
+    """What the judgement needs to know of the stamps."""
 
-    Attributes
-    ----------
-    period : float
-        Sample period in ns, good to a per cent.
-    resolution : float
-        Step of the stamps in ns; 0 where it is much finer than the period.
-    """
-
-    period: float
-    resolution: float = 0.0
+    period: float  # sample period in ns, good to a per cent
+    resolution: float = 0.0  # step of the stamps in ns; 0 where it is much finer than the period
+    # how much longer than the period, in periods, the longer of two usual steps is; 0 where there
+    # is one, or the longer one is what a missing sample leaves
+    uneven: float = 0.0
 
     @classmethod
     def of(cls, stamps: Integers, period: float | None = None) -> Rule:
-        """
-        Return the rule for these stamps, in ns; `period` in ns if it is known.
-
-        Raises
-        ------
-        DataError
-            If the stamps do not advance.
-        """
+        """Return the rule for these stamps, in ns; `period` in ns if it is known."""
+        given = period
         if period is None:
             period = _rough_period(stamps)
-        return cls(period, _coarseness(stamps, period))
+        coarse = _coarseness(stamps, period)
+        two = None if coarse else _two_steps(stamps)
+        if two is None:
+            return cls(period, coarse)
+        mean, longer = two
+        return cls(mean if given is None else period, 0.0, longer / mean - 1.0)
 
     @property
     def lateness(self) -> float:
         """Lateness in periods from which samples are called missing."""
-        return _HALF + self.resolution / self.period
+        return _HALF + self.resolution / self.period + self.uneven
 
 
 def _stretches(stamps: Integers) -> list[Integers]:
@@ -65,6 +65,29 @@ def _stretches(stamps: Integers) -> list[Integers]:
         return [stamps]
     starts = np.linspace(0, stamps.size - _STRETCH, 16).astype(np.int64)
     return [stamps[start : start + _STRETCH] for start in starts]
+
+
+def _two_steps(stamps: Integers) -> tuple[float, float] | None:
+    """
+    Return the mean step and the longer one where stamps take two steps by turns.
+
+    A sensor that is read on the ticks of something else does.  Where the longer step is a
+    multiple of the shorter one, samples may be missing, and this returns None.
+    """
+    steps = np.concatenate([np.diff(stretch) for stretch in _stretches(stamps)])
+    steps = np.sort(steps[steps > 0]).astype(np.float64)
+    if steps.size < _FEW_STEPS:
+        return None
+    steps = steps[steps < 4.0 * steps[steps.size // 2]]
+    edge = steps.size // 10
+    split = edge + int(np.argmax(np.diff(steps[edge:-edge]))) + 1
+    shorter, longer = steps[:split], steps[split:]
+    apart = float(np.median(longer) - np.median(shorter))
+    ratio = float(np.median(longer) / np.median(shorter))
+    clear = max(np.subtract(*np.quantile(part, (0.9, 0.1))) for part in (shorter, longer))
+    if ratio < _TWO or ratio > 3.5 or apart < 3.0 * clear or longer[0] - shorter[-1] < clear:
+        return None
+    return None if abs(ratio - round(ratio)) < _MULTIPLE else (float(steps.mean()), longer[-1])
 
 
 def _rough_period(stamps: Integers) -> float:

@@ -26,25 +26,12 @@ _NANO = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """
-    The position of every sample on the regular time grid.
+    """The position of every sample on the regular time grid."""
 
-    Attributes
-    ----------
-    index : ndarray of int64, shape (n,)
-        Position on the grid; -1 for a sample that was dropped.
-    keep : ndarray of bool, shape (n,)
-        False for duplicates and order faults.
-    period_s : float
-        Measured sample period.
-    span : int
-        Length of the grid, gaps included.
-    """
-
-    index: Integers
-    keep: Mask
-    period_s: float
-    span: int
+    index: Integers  # position on the grid; -1 for a sample that was dropped
+    keep: Mask  # false for duplicates and order faults
+    period_s: float  # measured sample period
+    span: int  # length of the grid, gaps included
 
     @property
     def regular(self) -> bool:
@@ -54,25 +41,12 @@ class Grid:
 
 @dataclass(frozen=True)
 class Judged:
-    """
-    Stamps with the judgement of the continuity rule.
+    """Stamps with the judgement of the continuity rule."""
 
-    Attributes
-    ----------
-    keep : ndarray of bool, shape (n,)
-        False for duplicates and order faults.
-    kept : ndarray of int64, shape (k,)
-        The stamps that were kept.
-    breaks : ndarray of int64, shape (b,)
-        Indices among them before which samples are missing.
-    steps : ndarray of float64, shape (b,)
-        Time across those gaps in ns, -1 where the clock was set back.
-    """
-
-    keep: Mask
-    kept: Integers
-    breaks: Integers
-    steps: Floats
+    keep: Mask  # false for duplicates and order faults
+    kept: Integers  # the stamps that were kept
+    breaks: Integers  # indices among them before which samples are missing
+    steps: Floats  # time across those gaps in ns, -1 where the clock was set back
     rule: Rule
     duplicates: int
     order_faults: int
@@ -119,20 +93,7 @@ def _judged(stamps: Integers, rule: Rule) -> Judged:
 
 
 def judge(stamps_ns: npt.ArrayLike, period_s: float | None = None) -> tuple[Judged, Line]:
-    """
-    Return the judgement of stamps and the line through those kept.
-
-    Raises
-    ------
-    DataError
-        If there are no stamps, or they do not advance.
-
-    Examples
-    --------
-    >>> judged, line = judge([0, 10, 20, 50, 60])
-    >>> judged.breaks.tolist(), judged.steps.tolist(), line.period
-    ([3], [30.0], 10.0)
-    """
+    """Return the judgement of stamps and the line through those kept."""
     stamps = _checked(stamps_ns)
     if stamps.size < 2 and period_s is None:
         raise DataError('a single sample has no sample rate; give the rate')
@@ -166,12 +127,6 @@ def period(stamps_ns: Integers, breaks: Integers, steps_ns: Floats, guess_s: flo
     The length of a gap is used only where the period found so far fixes the
     number of samples missing in it.  The result therefore depends on where the
     gaps are, not on how long somebody took them to be.
-
-    Examples
-    --------
-    >>> stamps = np.array([0, 10, 20, 50, 60]) * 1_000_000
-    >>> round(period(stamps, np.array([3]), np.array([30e6]), 0.0101), 9)
-    0.01
     """
     return straight_line(stamps_ns, breaks, steps_ns, guess_s / _NANO).period * _NANO
 
@@ -236,7 +191,6 @@ def place(values: npt.ArrayLike, grid: Grid) -> tuple[Floats, Mask]:
     -------
     placed : ndarray of float64, shape (span,) or (span, axes)
         Zero where no sample is; the array itself where none is missing.
-    valid : ndarray of bool, shape (span,)
 
     Raises
     ------

@@ -35,7 +35,6 @@ def mean_squares(data: npt.ArrayLike, zero: float = 0.0, blocks: int = BLOCKS) -
 
     Parameters
     ----------
-    data : array_like, shape (n,)
     zero : float
         What the sensor shows without vibration.
     blocks : int
@@ -125,22 +124,11 @@ def magnitude(level: Estimate) -> Estimate:
 
 @dataclass(frozen=True)
 class Repeated:
-    """
-    One quantity over the repetitions of a test.
+    """One quantity over the repetitions of a test."""
 
-    Attributes
-    ----------
-    count : int
-        Repetitions with a value.
-    mean : Estimate
-        Mean of the repetitions with the interval of Student's t.
-    spread : Estimate
-        Standard deviation of a repetition.
-    """
-
-    count: int
-    mean: Estimate
-    spread: Estimate
+    count: int  # repetitions with a value
+    mean: Estimate  # mean of the repetitions with the interval of Student's t
+    spread: Estimate  # standard deviation of a repetition
 
 
 def repeated(values: Sequence[Estimate], confidence: float = CONFIDENCE) -> Repeated:
@@ -184,25 +172,12 @@ def repeated(values: Sequence[Estimate], confidence: float = CONFIDENCE) -> Repe
 
 @dataclass(frozen=True)
 class Compatibility:
-    """
-    Two readings of the same thing, before and after.
+    """Two readings of the same thing, before and after."""
 
-    Attributes
-    ----------
-    difference : float
-        After less before.
-    uncertainty : float
-        Expanded uncertainty of the difference.
-    ratio : float
-        Size of the difference over it.
-    compatible : bool
-        Whether the ratio is at most one.
-    """
-
-    difference: float
-    uncertainty: float
-    ratio: float
-    compatible: bool
+    difference: float  # after less before
+    uncertainty: float  # expanded uncertainty of the difference
+    ratio: float  # size of the difference over it
+    compatible: bool  # whether the ratio is at most one
 
 
 def compatibility(

@@ -46,25 +46,12 @@ _UNLIKELY = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """
-    Coefficients of a linear model under noise that wanders, for every likely mixture of it.
+    """Coefficients of a linear model under noise that wanders, for every likely mixture of it."""
 
-    Attributes
-    ----------
-    weights : ndarray, shape (m,)
-        Probabilities of the mixtures.
-    coefficients : ndarray, shape (m, p)
-        Of the columns after the constant.
-    covariance : ndarray, shape (m, p, p)
-    noise : ndarray, shape (m, k)
-        Variance of the lines of the cosine transform.
-    freedom : float
-    """
-
-    weights: Floats
-    coefficients: Floats
+    weights: Floats  # probabilities of the mixtures
+    coefficients: Floats  # of the columns after the constant
     covariance: Floats
-    noise: Floats
+    noise: Floats  # variance of the lines of the cosine transform
     freedom: float
     _design: Floats
     _data: Floats
@@ -80,18 +67,7 @@ class Regression:
     def contrast(
         self, weights: Floats, first: int, unit: str, confidence: float = CONFIDENCE
     ) -> Estimate:
-        """
-        Return a weighted sum of the data less what the first coefficients explain.
-
-        Parameters
-        ----------
-        weights : ndarray, shape (n,)
-            Their sum must be 0.
-        first : int
-            Number of coefficients, constant included, whose part is taken off.
-        unit : str
-        confidence : float
-        """
+        """Return a weighted sum of the data less what the first coefficients explain."""
         along = weights @ self._design
         taken = np.where(np.arange(along.size) < first - 1, along, 0.0)
         values = weights @ self._data - self.coefficients @ taken
@@ -137,32 +113,7 @@ class Regression:
 
 
 def regress(index: npt.ArrayLike, design: npt.ArrayLike, data: npt.ArrayLike) -> Regression:
-    """
-    Return the regression of a drifting signal.
-
-    Parameters
-    ----------
-    index : array_like of int, shape (n,)
-        Which stretch of equal length each value is the average of, rising; some may be missing.
-    design : array_like, shape (n, p)
-        The first column must be the constant: the drift begins anywhere.
-    data : array_like, shape (n,)
-
-    Raises
-    ------
-    DataError
-        If there are fewer points than coefficients need, the first column is not constant, or
-        columns of the design depend on one another.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(5)
-    >>> t, x = np.arange(200), np.sin(np.arange(200) / 30.0)
-    >>> y = 2.0 * x + 0.05 * np.cumsum(rng.normal(size=200)) + 0.1 * rng.normal(size=200)
-    >>> found = regress(t, np.column_stack([np.ones(200), x]), y).coefficient(1, '1')
-    >>> found.low < 2.0 < found.high
-    True
-    """
+    """Return the regression of a drifting signal."""
     places, columns = np.asarray(index, np.int64), np.asarray(design, np.float64)
     values = np.asarray(data, np.float64)
     count, width = columns.shape

@@ -70,26 +70,13 @@ def inclination(acceleration: npt.ArrayLike, axis: str = 'x') -> Floats:
 
 @dataclass(frozen=True)
 class ErrorStatistics:
-    """
-    Errors of a series of angles, as in appendix 6 of the mast thesis.
-
-    Attributes
-    ----------
-    mean : Estimate
-    std : Estimate
-        Over the angles, n - 1.
-    three_sigma : Estimate
-    variance : float
-        Square of the standard deviation, in the square of the unit.
-    largest : float
-        Error farthest from zero.
-    """
+    """Errors of a series of angles, as in appendix 6 of the mast thesis."""
 
     mean: Estimate
-    std: Estimate
+    std: Estimate  # over the angles, n - 1
     three_sigma: Estimate
-    variance: float
-    largest: float
+    variance: float  # square of the standard deviation, in the square of the unit
+    largest: float  # error farthest from zero
 
 
 def error_statistics(
@@ -193,7 +180,6 @@ def hysteresis(wanted: Sequence[float], measured: Sequence[Estimate]) -> tuple[T
     ----------
     wanted : sequence of float
         Set angles in their order, rad.
-    measured : sequence of Estimate
 
     Raises
     ------

@@ -14,7 +14,7 @@ import math
 
 from imu_bench.errors import DataError
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
-from imu_bench.metrology.trials.zones import stretches
+from imu_bench.metrology.stretches import longest, stretches
 import numpy as np
 import numpy.typing as npt
 from scipy import integrate, ndimage, special
@@ -44,52 +44,30 @@ _PEAK_REACH = 3.0
 
 @dataclass(frozen=True)
 class Span:
-    """
-    Where a ride is, in samples.
+    """Where a ride is, in samples."""
 
-    Attributes
-    ----------
-    begin, end : int
-        From standstill to standstill, with a block of rest at either end.
-    first, last : int
-        What can be used around it, free of handling.
-    """
-
+    # begin, end: from standstill to standstill, with a block of rest at either end
     begin: int
     end: int
+    # first, last: what can be used around it, free of handling
     first: int
     last: int
 
 
 @dataclass(frozen=True, eq=False)
 class Ride:
-    """
-    A ride.
+    """A ride."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        s since the beginning of the ride.
-    acceleration, velocity, displacement : ndarray, shape (n,)
-        m/s², m/s, m.
-    peak_acceleration : Estimate
-        Largest reading, vibration included.
-    smooth_acceleration : Estimate
-        Largest acceleration averaged over `SMOOTHING_S`.
-    peak_velocity, travel : Estimate
-    closing : Estimate
-        Velocity at the end before it was taken out.
-    """
-
-    time: Floats
+    time: Floats  # s since the beginning of the ride
+    # acceleration, velocity, displacement: m/s², m/s, m
     acceleration: Floats
     velocity: Floats
     displacement: Floats
-    peak_acceleration: Estimate
-    smooth_acceleration: Estimate
+    peak_acceleration: Estimate  # largest reading, vibration included
+    smooth_acceleration: Estimate  # largest acceleration averaged over `SMOOTHING_S`
     peak_velocity: Estimate
     travel: Estimate
-    closing: Estimate
+    closing: Estimate  # velocity at the end before it was taken out
 
 
 def find_ride(acceleration: npt.ArrayLike, rate_hz: float) -> Span:
@@ -100,7 +78,6 @@ def find_ride(acceleration: npt.ArrayLike, rate_hz: float) -> Span:
     ----------
     acceleration : array_like, shape (n,)
         Along the way of the ride, m/s²; a constant does not matter.
-    rate_hz : float
 
     Raises
     ------
@@ -129,7 +106,7 @@ def find_ride(acceleration: npt.ArrayLike, rate_hz: float) -> Span:
     pushes = [
         (a, b, float(off[a:b].sum()) * _BLOCK_S)
         for sign in (1.0, -1.0)
-        for a, b in stretches(sign * off > limit)
+        for a, b in stretches(sign * off > limit).tolist()
         if (b - a) * _BLOCK_S >= _SHORTEST_S and np.abs(off[a:b]).max() >= _LEAST
     ]
     forward = max((p for p in pushes if p[2] > 0), key=lambda p: p[2], default=None)
@@ -154,10 +131,10 @@ def _undisturbed(blocks: Floats) -> tuple[int, int]:
     scatter = np.diff(blocks, axis=1).std(axis=1) / math.sqrt(2.0)
     spread = np.maximum(scatter, blocks.std(axis=1) * (blocks.std(axis=1) > _HAND))
     calm = spread <= max(_HAND, _HAND_RATIO * float(np.median(scatter)))
-    runs = stretches(calm)
-    if not runs:
+    part = longest(calm)
+    if part.start == part.stop:
         raise DataError('no ride found: no part of it is free of handling')
-    return max(runs, key=lambda run: run[1] - run[0])
+    return part.start, part.stop
 
 
 def integrate_ride(
@@ -170,8 +147,6 @@ def integrate_ride(
     ----------
     acceleration : array_like, shape (n,)
         Along the way, m/s², gravity and bias included.
-    rate_hz : float
-    span : Span
     confidence : float
         Level of the intervals.
 

@@ -47,43 +47,24 @@ of n positions would be 0.1/√n g in a parameter.
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """
-    The mean of a vector at one position.
+    """The mean of a vector at one position."""
 
-    Attributes
-    ----------
-    mean, error : ndarray, shape (3,)
-        Mean, and half the width of its interval.
-    """
-
+    # mean, error: mean, and half the width of its interval
     mean: Floats
     error: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """
-    What is wrong with three axes, and how to put it right.
+    """What is wrong with three axes, and how to put it right."""
 
-    Attributes
-    ----------
-    method : str
-        'faces', 'norm' or 'turns'.
-    bias : tuple of Estimate
-        b, in the unit of the signal.
-    scale_error : tuple of Estimate
-        Diagonal of S, less one.
-    misalignment : mapping of (str, str) to Estimate
-        What an output (first) shows of the true value along another axis (second): S beside
-        its diagonal, as an angle in rad.
-    matrix, offset : ndarray, shapes (3, 3) and (3,), or None
-        S⁻¹ and b for the correction; None if not all numbers are known.
-    """
-
-    method: str
-    bias: tuple[Estimate, ...]
-    scale_error: tuple[Estimate, ...]
+    method: str  # 'faces', 'norm' or 'turns'
+    bias: tuple[Estimate, ...]  # b, in the unit of the signal
+    scale_error: tuple[Estimate, ...]  # diagonal of S, less one
+    # what an output (first) shows of the true value along another axis (second): S beside its
+    # diagonal, as an angle in rad
     misalignment: Mapping[tuple[str, str], Estimate]
+    # matrix, offset: S⁻¹ and b for the correction; None if not all numbers are known
     matrix: Floats | None
     offset: Floats | None
 
@@ -131,6 +112,20 @@ def face(mean: npt.ArrayLike) -> str | None:
     if size == 0.0 or abs(float(force[axis])) < math.cos(NEAR_FACE) * size:
         return None
     return f'{"+" if force[axis] > 0 else "-"}{AXES[axis]}'
+
+
+def lean(mean: npt.ArrayLike) -> float:
+    """
+    Return the angle between gravity and the nearest axis in rad.
+
+    Examples
+    --------
+    >>> round(math.degrees(lean([0.0, 1.0, -1.0])))
+    45
+    """
+    force = np.abs(np.asarray(mean, np.float64))
+    nearest = float(force.max()) / max(float(np.linalg.norm(force)), 1e-300)
+    return math.acos(min(nearest, 1.0))
 
 
 def by_face(positions: Sequence[Held], confidence: float = CONFIDENCE) -> dict[str, Held]:
@@ -191,7 +186,6 @@ def six_faces(
         By name of the face, of `FACES`, m/s².
     gravity : float
         m/s².
-    confidence : float
 
     Raises
     ------
@@ -368,22 +362,28 @@ def _response(parameters: Floats) -> tuple[Floats, Floats]:
 
 def residuals(
     calibration: Calibration | None, positions: Sequence[Held], gravity: float = STANDARD_GRAVITY
-) -> Floats:
+) -> tuple[Floats, Floats]:
     """
     Return how far the size of what was measured is from gravity at every position, m/s².
+
+    And half the interval that the means give it; that of the calibration is not in it.
 
     Parameters
     ----------
     calibration : Calibration or None
         None for the values as measured.
-    positions : sequence of Held
-    gravity : float
 
     Examples
     --------
-    >>> residuals(None, [Held(np.array([0.0, 0.0, 9.9]), np.zeros(3))], 9.8).round(3).tolist()
-    [0.1]
+    >>> off, half = residuals(None, [Held(np.array([0.0, 0.0, 9.9]), np.full(3, 0.01))], 9.8)
+    >>> off.round(3).tolist(), half.tolist()
+    ([0.1], [0.01])
     """
     raw = np.array([position.mean for position in positions])
     true = raw if calibration is None else calibration.corrected(raw)
-    return np.asarray(np.linalg.norm(true, axis=1) - gravity, np.float64)
+    size = np.linalg.norm(true, axis=1)
+    along = true / size[:, None]
+    if calibration is not None and calibration.matrix is not None:
+        along = along @ calibration.matrix
+    error = np.array([position.error for position in positions])
+    return size - gravity, np.sqrt(np.sum((along * error) ** 2, axis=1))

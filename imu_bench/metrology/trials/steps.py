@@ -48,18 +48,10 @@ class Stand:
 
 @dataclass(frozen=True)
 class Stands:
-    """
-    What a signal with steps looks like.
-
-    Attributes
-    ----------
-    stands : tuple of Stand
-    noise : float
-        Standard deviation of the difference of two short means next to each other.
-    """
+    """What a signal with steps looks like."""
 
     stands: tuple[Stand, ...]
-    noise: float
+    noise: float  # standard deviation of the difference of two short means next to each other
 
     @property
     def contrast(self) -> float:
@@ -87,7 +79,6 @@ def find_stands(
     ----------
     data : array_like, shape (n,)
         Regular samples, such as an angle.
-    rate_hz : float
     dwell_s : float
         Shortest stand to look for.
     settle_s : float

@@ -56,9 +56,6 @@ def find_positions(
 
     Parameters
     ----------
-    acceleration : array_like, shape (n, 3)
-    rate_hz : float
-    angular_velocity : array_like, shape (n, 3), optional
     shortest_s : float
         Shortest position to look for.
 

@@ -53,18 +53,11 @@ _LOOP = 2  # place of h among the coefficients
 
 @dataclass(frozen=True, eq=False)
 class Averages:
-    """
-    A recording in equally long averages.
+    """A recording in equally long averages."""
 
-    Attributes
-    ----------
-    index : ndarray of int, shape (k,)
-        Which of the stretches into which the recording is divided; empty ones are left out.
-    time, temperature, bias : ndarray, shape (k,)
-        s since the first sample, °C, and the signal in its unit.
-    """
-
+    # which of the stretches into which the recording is divided; empty ones are left out
     index: npt.NDArray[np.int64]
+    # time, temperature, bias: s since the first sample, °C, and the signal in its unit
     time: Floats
     temperature: Floats
     bias: Floats
@@ -72,23 +65,13 @@ class Averages:
 
 @dataclass(frozen=True)
 class Phases:
-    """
-    When it was heated, s since the first sample.
+    """When it was heated, s since the first sample."""
 
-    Attributes
-    ----------
-    heating : float
-        When the temperature began to rise.
-    hot, cooling : float
-        First and last time near the highest temperature.
-    returned : float
-        Share of the rise that was lost again at the end.
-    """
-
-    heating: float
+    heating: float  # when the temperature began to rise
+    # hot, cooling: first and last time near the highest temperature
     hot: float
     cooling: float
-    returned: float
+    returned: float  # share of the rise that was lost again at the end
 
     @property
     def cooled(self) -> bool:
@@ -98,41 +81,23 @@ class Phases:
 
 @dataclass(frozen=True, eq=False)
 class Thermal:
-    """
-    What temperature does to the bias of one axis.
+    """What temperature does to the bias of one axis."""
 
-    Attributes
-    ----------
-    coefficient : Estimate
-        Change per kelvin, in the unit of the signal per K.
-    at_reference : Estimate
-        Bias at the middle temperature `reference`, °C; with gravity, where there is some.
-    curvature : Estimate
-        Largest distance of a parabola through the data from its chord, over the range.
-    hysteresis : Estimate
-        Bias when cooling minus bias when heating at the middle temperature, of a loop that
-        closes like a parabola at both ends.
-    branches : tuple of (float, Estimate)
-        The same for every temperature bin, °C.
-    change : Estimate
-        Mean of the last 2 % of the recording minus mean of the first: the drift between end
-        points of the thesis.
-    change_hot : Estimate
-        The same from the first 2 % to the last 2 % before it cools.
-    warm_up : Estimate
-        Change from the first to the last tenth of the time before heating.
-    averages : Averages
-    """
-
-    coefficient: Estimate
+    coefficient: Estimate  # change per kelvin, in the unit of the signal per K
     reference: float
+    # bias at the middle temperature `reference`, °C; with gravity, where there is some
     at_reference: Estimate
+    # largest distance of a parabola through the data from its chord, over the range
     curvature: Estimate
+    # bias when cooling minus bias when heating at the middle temperature, of a loop that closes
+    # like a parabola at both ends
     hysteresis: Estimate
-    branches: tuple[tuple[float, Estimate], ...]
+    branches: tuple[tuple[float, Estimate], ...]  # the same for every temperature bin, °C
+    # mean of the last 2 % of the recording minus mean of the first: the drift between end points
+    # of the thesis
     change: Estimate
-    change_hot: Estimate
-    warm_up: Estimate
+    change_hot: Estimate  # the same from the first 2 % to the last 2 % before it cools
+    warm_up: Estimate  # change from the first to the last tenth of the time before heating
     averages: Averages
 
 
@@ -141,24 +106,6 @@ def averages(stamps_s: npt.ArrayLike, data: Floats, temperature: Floats) -> Aver
     Return a recording in at most `POINTS` averages of equal length; empty ones are left out.
 
     Where more than `MOST_EMPTY` would be left out, the averages are longer.
-
-    Parameters
-    ----------
-    stamps_s : array_like, shape (n,)
-        s since the first sample.
-    data, temperature : ndarray, shape (n,)
-
-    Raises
-    ------
-    DataError
-        If it is shorter than `LEAST_POINTS` averages, or most of it is missing.
-
-    Examples
-    --------
-    >>> t = np.arange(0.0, 100.0, 0.1)
-    >>> found = averages(t, np.sin(t), 20.0 + t)
-    >>> found.time.size, found.temperature[0].round(2).item()
-    (99, 20.45)
     """
     when = np.asarray(stamps_s, np.float64)
     since = when - when[:1]
@@ -252,12 +199,10 @@ def analyse(
     ----------
     stamps_s : array_like, shape (n,)
         s since the first sample.
-    data : array_like, shape (n,)
     temperature : array_like, shape (n,)
         °C, of the sensor itself.
     unit : str
         Of the data.
-    confidence : float
 
     Raises
     ------

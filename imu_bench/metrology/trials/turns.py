@@ -44,38 +44,20 @@ _SPREAD = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """
-    A gyroscope that does not turn.
+    """A gyroscope that does not turn."""
 
-    Attributes
-    ----------
-    bias : tuple of Estimate
-        rad/s, without gravity where its effect is known.
-    sensitivity : mapping of (str, str) to Estimate
-        What an output (first) shows of the specific force along an axis (second),
-        rad/s/(m/s²); empty where the positions do not show it.
-    """
-
-    bias: tuple[Estimate, ...]
+    bias: tuple[Estimate, ...]  # rad/s, without gravity where its effect is known
+    # what an output (first) shows of the specific force along an axis (second), rad/s/(m/s²);
+    # empty where the positions do not show it
     sensitivity: dict[tuple[str, str], Estimate]
 
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """
-    One turn about the vertical.
+    """One turn about the vertical."""
 
-    Attributes
-    ----------
-    axis : str
-        Of the housing, of `AXES`.
-    measured : ndarray, shape (3,)
-        Integral of the angular velocity without its bias, rad.
-    duration_s : float
-    """
-
-    axis: str
-    measured: Floats
+    axis: str  # of the housing, of `AXES`
+    measured: Floats  # integral of the angular velocity without its bias, rad
     duration_s: float
 
 
@@ -90,7 +72,6 @@ def at_rest(rates: Sequence[Held], forces: Sequence[Held], confidence: float = C
     ----------
     rates, forces : sequence of Held
         Angular velocity and specific force at each position.
-    confidence : float
 
     Raises
     ------
@@ -165,8 +146,6 @@ def find_turns(
     ----------
     angular_velocity : array_like, shape (n, 3)
         rad/s.
-    period_s : float
-    positions : sequence of Position
     forces : sequence of Held
         Specific force at each position.
     bias : array_like, shape (3,)
@@ -213,13 +192,10 @@ def gyroscope(
 
     Parameters
     ----------
-    rest : Rest
-    turns : sequence of Turn
     turn : float
         Angle of one turn, rad.
     turn_error : float
         Standard uncertainty of that angle, rad; zero for a turn-table.
-    confidence : float
 
     Examples
     --------

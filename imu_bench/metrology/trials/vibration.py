@@ -10,7 +10,7 @@ import math
 from imu_bench.errors import DataError
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.spectra.filtering import zero_phase
-from imu_bench.metrology.spectra.tones import floor, Tone, tones
+from imu_bench.metrology.spectra.tones import FALSE_ALARM, floor, Tone, tones
 from imu_bench.metrology.spectra.welch import psd, Spectrum
 from imu_bench.metrology.statistics import describe
 import numpy as np
@@ -26,10 +26,16 @@ _PARTS = 8
 _SEGMENTS_PER_PART = 3
 """Parts in which a tone is found again, and segments that each needs for a spectrum of its own."""
 
-_HIGHEST_DIVISOR = 4
+_HIGHEST_DIVISOR = 16
 """
-The strongest tone is this harmonic at most, as the firing of eight cylinders is of the crank.
+The strongest tone is this harmonic at most: of a bearing, a resonance makes a high one strongest.
 """
+
+_SHARPEST = 0.1
+"""Least share of the tolerance: a neighbour moves a line by some hundredths of a bin."""
+
+_BY_CHANCE = 0.1
+"""Families that the tones of one record form by chance, on average."""
 
 _REACH = 4.0
 """Bins on either side of a tone that its line reaches, as `tones.LOBE`."""
@@ -40,22 +46,13 @@ _LASTING = 0.5
 
 @dataclass(frozen=True)
 class Levels:
-    """
-    Levels of a vibration about its mean.
+    """Levels of a vibration about its mean."""
 
-    Attributes
-    ----------
-    peak, peak_to_peak : Estimate
-        Of this record; they grow with its length and carry no interval.
-    rms : Estimate
-    crest_factor : Estimate
-        Peak over RMS, with the interval that the RMS gives it.
-    """
-
+    # peak, peak_to_peak: of this record; they grow with its length and carry no interval
     peak: Estimate
     peak_to_peak: Estimate
     rms: Estimate
-    crest_factor: Estimate
+    crest_factor: Estimate  # peak over RMS, with the interval that the RMS gives it
 
 
 def levels(data: npt.ArrayLike, unit: str, confidence: float = CONFIDENCE) -> Levels:
@@ -107,7 +104,6 @@ def integrals(data: npt.ArrayLike, rate_hz: float, high_pass: float) -> tuple[Fl
     ----------
     data : array_like, shape (n,)
         Acceleration in m/s².
-    rate_hz : float
     high_pass : float
         Hz.
 
@@ -144,6 +140,7 @@ def dominant(
     *,
     resolution_hz: float,
     confidence: float = CONFIDENCE,
+    false_alarm: float = FALSE_ALARM,
 ) -> tuple[Spectrum, tuple[Tone, ...]]:
     """
     Return the spectrum of a vibration and its tones, strongest first.
@@ -158,10 +155,10 @@ def dominant(
     ----------
     data : array_like, shape (n,)
         On the regular time grid.
-    rate_hz : float
-    unit : str
     resolution_hz : float
         Distance of the bins.
+    false_alarm : float
+        Probability that pure noise shows any.
 
     Raises
     ------
@@ -178,7 +175,7 @@ def dominant(
     """
     values = np.asarray(data, dtype=np.float64)
     spectrum = psd(values, rate_hz, unit, resolution_hz=resolution_hz, confidence=confidence)
-    found = tones(spectrum)
+    found = tones(spectrum, false_alarm)
     segment = rate_hz / resolution_hz
     parts = int(min(_PARTS, values.size / (_SEGMENTS_PER_PART * segment)))
     if not found or parts < 3:
@@ -246,19 +243,10 @@ def _wider(estimate: Estimate, middle: float, parts: Sequence[float]) -> Estimat
 
 @dataclass(frozen=True)
 class Family:
-    """
-    Tones at whole multiples of one frequency.
+    """Tones at whole multiples of one frequency."""
 
-    Attributes
-    ----------
-    fundamental : Estimate
-        Hz, from the strongest member.
-    members : tuple of (int, Tone)
-        Multiple and tone, in rising order.
-    """
-
-    fundamental: Estimate
-    members: tuple[tuple[int, Tone], ...]
+    fundamental: Estimate  # Hz, from the strongest member
+    members: tuple[tuple[int, Tone], ...]  # multiple and tone, in rising order
 
     @property
     def strongest(self) -> Tone:
@@ -270,53 +258,100 @@ def families(found: Sequence[Tone], tolerance_hz: float) -> tuple[Family, ...]:
     """
     Return the families of harmonics among tones, the strongest first.
 
-    A family has a tone at its fundamental and at least one more.  Of the tones at the
-    strongest frequency and at its half, third and quarter, the fundamental is the one that
-    explains most tones.
+    A family has a tone at its fundamental and at least one more, and more of the others than
+    tones without relation would put near its multiples (binomial).  Of the strongest tone and
+    what it is a harmonic of, the fundamental is what chance explains least; a fundamental comes
+    before the families at its multiples.  The d-th divisor and the r-th strongest tone count
+    d(d + 1) and r(r + 1) times, so that all that are tried together give `_BY_CHANCE` families
+    by chance.
 
     Parameters
     ----------
-    found : sequence of Tone
     tolerance_hz : float
-        How near to a multiple a tone must be.
+        How near to a multiple a tone must be at most; nearer where the intervals of both say so.
 
     Examples
     --------
     >>> made = [Tone(Estimate(f, None, None, 'Hz'), Estimate(a, None, None, 'm/s²'), 1e3, True)
     ...         for f, a in ((26.67, 1.2), (53.33, 0.6), (13.33, 0.2), (41.0, 0.1))]
-    >>> family = families(made, 0.3)[0]
+    >>> family = families(made, 0.1)[0]
     >>> round(family.fundamental.value, 2), [order for order, _ in family.members]
     (13.34, [1, 2, 4])
     """
     left = sorted(found, key=lambda tone: -(tone.amplitude.value or 0.0))
     groups: list[Family] = []
+    rank = 0
     while len(left) >= 2:
+        rank += 1
         strongest = left[0]
         top = strongest.frequency.value or 0.0
-        choices = [
-            (divisor, _members(left, top / divisor, tolerance_hz))
-            for divisor in range(1, _HIGHEST_DIVISOR + 1)
-            if top / divisor > 4.0 * tolerance_hz
-        ]
-        choices = [(d, m) for d, m in choices if len(m) >= 2 and m[0][0] == 1]
-        if choices:
-            divisor, members = max(choices, key=lambda item: (len(item[1]), -item[0]))
+        judged: list[tuple[float, int, list[tuple[int, Tone]]]] = []
+        for d in range(1, _HIGHEST_DIVISOR + 1):
+            base = strongest.frequency.scaled(1.0 / d, 'Hz')
+            if top / d > 4.0 * tolerance_hz:
+                members = _members(left, base, tolerance_hz)
+                if len(members) >= 2 and members[0][0] == 1:
+                    chance = _chance(len(members), left, base, tolerance_hz)
+                    judged.append((chance * d * (d + 1), d, members))
+        chance, divisor, members = min(judged, key=lambda item: item[:2], default=(1.0, 1, []))
+        if chance * rank * (rank + 1) < _BY_CHANCE:
             base = strongest.frequency.scaled(1.0 / divisor, 'Hz')
             groups.append(Family(base, tuple(members)))
             taken = {id(tone) for _, tone in members}
             left = [tone for tone in left if id(tone) not in taken]
         else:
             left = left[1:]
-    return tuple(groups)
+    return tuple(_fundamentals_first(groups, tolerance_hz))
 
 
-def _members(found: Sequence[Tone], base: float, tolerance_hz: float) -> list[tuple[int, Tone]]:
+def _chance(members: int, found: Sequence[Tone], base: Estimate, tolerance_hz: float) -> float:
+    """Return the probability that so many tones lie near multiples of a base by chance."""
+    hz = base.value or 0.0
+    reach = (MOST_ORDERS + 0.5) * hz
+    near = [
+        2.0 * _reach(tone, base, round((tone.frequency.value or 0.0) / hz), tolerance_hz) / hz
+        for tone in found
+        if (tone.frequency.value or 0.0) < reach
+    ]
+    others = len(near) - 1
+    # the strongest tone is at a multiple by construction
+    share = min(float(np.mean(near)), 1.0)
+    return float(special.betainc(members - 1, others - members + 2, share)) if others else 1.0
+
+
+def _reach(tone: Tone, base: Estimate, order: int, most: float) -> float:
+    """Return how near to a multiple of a base a tone has to be: twice the intervals of both."""
+    known = tone.frequency
+    if known.low is None or known.high is None or base.low is None or base.high is None:
+        return most
+    width = known.high - known.low + order * (base.high - base.low)
+    return min(most, max(width, _SHARPEST * most))
+
+
+def _fundamentals_first(groups: Sequence[Family], tolerance_hz: float) -> list[Family]:
+    """Return families, each one before those whose fundamental is a multiple of its own."""
+    ordered: list[Family] = []
+    for group in groups:
+        own = group.fundamental.value or 0.0
+        after = [
+            at
+            for at, other in enumerate(ordered)
+            if (base := other.fundamental.value or 0.0) > 1.5 * own
+            and abs(base - round(base / own) * own) <= tolerance_hz
+        ]
+        ordered.insert(min(after, default=len(ordered)), group)
+    return ordered
+
+
+def _members(found: Sequence[Tone], base: Estimate, most: float) -> list[tuple[int, Tone]]:
     """Return multiples and tones at multiples of `base`; of several at one, the strongest."""
     members: dict[int, Tone] = {}
+    hz = base.value or 0.0
     for tone in found:
         frequency = tone.frequency.value or 0.0
-        order = round(frequency / base)
-        if 1 <= order <= MOST_ORDERS and abs(frequency - order * base) <= tolerance_hz:
+        order = round(frequency / hz)
+        off = abs(frequency - order * hz)
+        if 1 <= order <= MOST_ORDERS and off <= _reach(tone, base, order, most):
             members.setdefault(order, tone)
     return sorted(members.items())
 

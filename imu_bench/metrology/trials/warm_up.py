@@ -41,7 +41,6 @@ def warm_up(
         s since the first sample, and °C.
     until_s : float
         When something else begins to heat it.
-    confidence : float
 
     Examples
     --------

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import math
 
 from imu_bench.errors import DataError
+from imu_bench.metrology.stretches import stretches
 import numpy as np
 import numpy.typing as npt
 
@@ -63,13 +64,11 @@ def power(data: Floats, rate_hz: float) -> tuple[Floats, float]:
     ----------
     data : ndarray, shape (n, axes)
         On the regular time grid.
-    rate_hz : float
 
     Returns
     -------
     ndarray, shape (blocks,)
         Variance within each block, summed over the axes.
-    float
 
     Raises
     ------
@@ -95,7 +94,6 @@ def shaken(level: Floats, block_s: float, shortest_s: float) -> list[Zone]:
     ----------
     level : ndarray, shape (blocks,)
         From `power`.
-    block_s : float
     shortest_s : float
         Shaken parts and quiet gaps shorter than this are no zones of their own.
 
@@ -128,7 +126,9 @@ def shaken(level: Floats, block_s: float, shortest_s: float) -> list[Zone]:
         )
     shortest = max(1, math.ceil(shortest_s / block_s))
     loud = _closed(decades > limit, shortest)
-    return [Zone(a * block_s, b * block_s) for a, b in stretches(loud) if b - a >= shortest]
+    return [
+        Zone(a * block_s, b * block_s) for a, b in stretches(loud).tolist() if b - a >= shortest
+    ]
 
 
 def runs(zones: list[Zone], length_s: float, shortest_s: float) -> list[Run]:
@@ -182,20 +182,7 @@ def _otsu(values: Floats) -> tuple[float, float]:
 def _closed(loud: Mask, shortest: int) -> Mask:
     """Return the mask with short quiet gaps between loud parts filled."""
     filled = loud.copy()
-    for begin, end in stretches(~loud):
+    for begin, end in stretches(~loud).tolist():
         if end - begin < shortest and begin > 0 and end < loud.size:
             filled[begin:end] = True
     return filled
-
-
-def stretches(mask: Mask) -> list[tuple[int, int]]:
-    """
-    Return begin and end of every run of True.
-
-    Examples
-    --------
-    >>> stretches(np.array([False, True, True, False, True]))
-    [(1, 3), (4, 5)]
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

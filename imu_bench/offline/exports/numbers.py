@@ -5,16 +5,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import json
 import math
+import unicodedata
 
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.noise_model import FLICKER_FLOOR
 from imu_bench.metrology.spectra.spectrum import two_sided
-from imu_bench.offline.axis_result import AxisResult
-from imu_bench.offline.gauss_markov_result import DriftModel, METHODS
-from imu_bench.offline.results import RecordingResult
-from imu_bench.samples import AXES, Quantity
+from imu_bench.offline.analysis.axis_result import AxisResult
+from imu_bench.offline.analysis.drift_models import DriftModel, METHODS
+from imu_bench.offline.analysis.results import RecordingResult
+from imu_bench.offline.notation import date, duration, rate_text
+from imu_bench.version import __version__
+from msg_conversions.quantities import AXES, Quantity
+
+_SPELLED = str.maketrans({
+    '²': '^2', '³': '^3', '°': 'deg', 'µ': 'u', '√': 'sqrt', '±': '+-', 'σ': 'sigma', 'τ': 'tau',
+    '×': 'x', '–': '-',
+})  # fmt: skip
 
 _PROCESSES = ('allan_fit', 'autocorrelation', 'bias_instability')
 """Gauss-Markov models that an export may use, the best first."""
@@ -22,30 +31,20 @@ _PROCESSES = ('allan_fit', 'autocorrelation', 'bias_instability')
 
 @dataclass(frozen=True)
 class Number:
-    """A number in SI, and in a few words how it was found."""
+    """A number in SI, or its upper bound, and in a few words how it was found."""
 
     value: float
     note: str
+    bound: bool = False
 
 
 @dataclass(frozen=True)
 class Bias:
-    """
-    How the bias of one axis wanders.
+    """How the bias of one axis wanders."""
 
-    Attributes
-    ----------
-    strength : float
-        Driving noise: q_c of a Gauss-Markov process, or K of a random walk; in SI.
-    correlation_time : float
-        T_c in s; infinite for a random walk.
-    note : str
-        How it was found.
-    """
-
-    strength: float
-    correlation_time: float
-    note: str
+    strength: float  # driving noise: q_c of a Gauss-Markov process, or K of a random walk; in SI
+    correlation_time: float  # T_c in s; infinite for a random walk
+    note: str  # how it was found
 
     @property
     def sigma(self) -> float:
@@ -64,15 +63,7 @@ class Bias:
 
 
 class Numbers:
-    """
-    The numbers of one recording.
-
-    Parameters
-    ----------
-    recording : RecordingResult
-    conservative : bool
-        Upper ends of the intervals instead of the values.
-    """
+    """The numbers of one recording."""
 
     def __init__(self, recording: RecordingResult, conservative: bool = False) -> None:
         self.recording = recording
@@ -87,14 +78,7 @@ class Numbers:
         return rate
 
     def axes(self, quantity: Quantity) -> list[AxisResult]:
-        """
-        Return the axes of a quantity.
-
-        Raises
-        ------
-        RecordingError
-            If the recording has none.
-        """
+        """Return the axes of a quantity."""
         found = self.recording.of(quantity.name)
         if not found:
             raise RecordingError(f'{self._where}: there is no {quantity.name} in it to export')
@@ -105,11 +89,6 @@ class Numbers:
         Return one N for all axes, in unit/√Hz.
 
         The root of the mean square of the axes, or conservatively the largest upper end.
-
-        Raises
-        ------
-        RecordingError
-            If not one axis has a value or a bound.
         """
         return self._together('N', [(a, _white(a)) for a in self.axes(quantity)])
 
@@ -117,13 +96,6 @@ class Numbers:
         """
         Return one K for all axes, in unit/s/√Hz.
 
-        Raises
-        ------
-        RecordingError
-            If not one axis has a value or a bound.
-
-        Notes
-        -----
         A Gauss-Markov process walks with K = q_c up to its correlation time and less beyond, so
         where the fit holds one, q_c stands in for K.
         """
@@ -133,8 +105,6 @@ class Numbers:
         """
         Return the K of a random walk that hides no flicker noise, None where none was seen.
 
-        Notes
-        -----
         The deviation of white noise, N/√τ, meets the floor f = 0.664 B of flicker noise at
         τ = (N/f)².  A walk K √(τ/3) that meets it there, too, has K = √3 f²/N: shorter averages
         show white noise, longer ones the walk.  IEEE Std 952-1997 annex C for the three terms.
@@ -148,14 +118,7 @@ class Numbers:
         return max(walks, default=None)
 
     def per_axis(self, quantity: Quantity, term: str) -> list[Number]:
-        """
-        Return N or K of x, y and z; an axis that was not recorded takes the largest of the others.
-
-        Raises
-        ------
-        RecordingError
-            If an axis that was recorded has neither a value nor a bound.
-        """
+        """Return N or K of x, y, z; one that was not recorded has the largest of the others."""
         found = {a.letter: self.axis(a, term) for a in self.axes(quantity)}
         largest = max(number.value for number in found.values())
         other = Number(largest, 'not recorded: the largest of the other axes')
@@ -167,7 +130,7 @@ class Numbers:
 
         Conservatively there is always one: the upper bound of K as a random walk.
         """
-        drift = axis.checks.drift if axis.checks else None
+        drift = axis.checks.drift
         models = drift.models if drift else {}
         for name in _PROCESSES:
             if name in models and models[name].process:
@@ -179,21 +142,14 @@ class Numbers:
         return None
 
     def axis(self, axis: AxisResult, term: str) -> Number:
-        """
-        Return N or K of one axis.
-
-        Raises
-        ------
-        RecordingError
-            If it has neither a value nor a bound.
-        """
+        """Return N or K of one axis."""
         estimate = _walk(axis) if term == 'K' else _white(axis)
         if self.conservative and estimate.high is not None:
             return Number(estimate.high, _upper(estimate))
         if estimate.value is not None:
             return Number(estimate.value, _measured(axis, term))
         if estimate.high is not None:
-            return Number(estimate.high, _upper(estimate))
+            return Number(estimate.high, _upper(estimate), bound=True)
         raise RecordingError(
             f'{self._where}: {term} of {axis.name} has neither a value nor an upper bound '
             f'({estimate.reason}); {_remedy([axis])}'
@@ -222,7 +178,8 @@ class Numbers:
                 f'({rows[0][1].reason}); {_remedy([axis for axis, _ in rows])}'
             )
         high, letter, estimate = max(bounds, key=lambda row: row[0])
-        return Number(high, f'{_upper(estimate)}, largest of the axes: {letter}')
+        note = f'{_upper(estimate)}, largest of the axes: {letter}'
+        return Number(high, note, bound=estimate.value is None)
 
     @property
     def _where(self) -> str:
@@ -265,3 +222,76 @@ def _upper(estimate: Estimate) -> str:
     if estimate.value is None:
         return f'UPPER BOUND at {level}, not observable'
     return f'upper end of the {level} interval'
+
+
+def plain(words: str) -> str:
+    """Return text from a recording in ASCII on one line, which no file format trips over."""
+    return words.encode('unicode_escape').decode('ascii')
+
+
+def spelled(words: str) -> str:
+    """
+    Return words of ours in ASCII.
+
+    Examples
+    --------
+    >>> spelled('At rest 8.9 m/s², 0.1 °/s')
+    'At rest 8.9 m/s^2, 0.1 deg/s'
+    """
+    return plain(unicodedata.normalize('NFKC', words.translate(_SPELLED)))
+
+
+def exponent(value: float) -> str:
+    """Return a number that every YAML parser takes for one: with point and sign of exponent."""
+    return f'{value:.6e}'
+
+
+def lines(numbers: Numbers, title: str, *conventions: str) -> list[str]:
+    """Return the lines of the heading, without comment signs."""
+    recording = numbers.recording
+    health = recording.health
+    kind = 'conservative' if numbers.conservative else 'nominal'
+    length = f'{duration(health.duration_s)} at {numbers.rate:.4f} Hz'
+    return [
+        *_warnings(recording),
+        f'{title}: {kind} values, written by imu-bench {__version__}',
+        f'from {plain(recording.source)}, topic {plain(recording.topic)}',
+        f'{day}, {length}' if (day := date(recording.start_ns)) else length,
+        *(f'{name}: sampled at {rate_text(rate)}' for name, rate in recording.rates.items()),
+        *conventions,
+    ]
+
+
+def _warnings(recording: RecordingResult) -> list[str]:
+    """Return why nobody should use the numbers."""
+    said = (
+        ['SIMULATED DATA: these are not the numbers of a real sensor']
+        if recording.simulated
+        else []
+    )
+    said += [
+        f'NOT TO BE TRUSTED ({found.code}): {spelled(found.text)} {spelled(found.effect)}'
+        for found in recording.health.severe
+    ]
+    return [f'WARNING: {words}' for words in said]
+
+
+def topic_line(recording: RecordingResult) -> str:
+    """Return the topic as a quoted string, with a word where it cannot be one of ROS."""
+    quoted = json.dumps(plain(recording.topic))
+    if recording.topic.startswith('/'):
+        return quoted
+    return f'{quoted}  # the recording was no bag: put the topic here'
+
+
+def notes(found: Sequence[Number]) -> str:
+    """Return how the numbers of x, y and z were found, once if in the same way."""
+    words = [number.note for number in found]
+    if len(set(words)) == 1:
+        return words[0]
+    return '; '.join(f'{letter}: {note}' for letter, note in zip(AXES, words, strict=True))
+
+
+def commented(heading: list[str], sign: str = '# ') -> str:
+    """Return lines as comments."""
+    return ''.join(f'{sign}{line}\n' for line in heading)

@@ -1,13 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS 2: covariances of sensor_msgs/Imu, and robot_localization."""
+"""ROS 2: covariances of sensor_msgs/Imu, robot_localization; gz-sim, and any Kalman filter."""
 
 from __future__ import annotations
 
 import math
+from xml.sax.saxutils import escape
 
-from imu_bench.offline.exports.header import commented, exponent, lines, notes, topic_line
-from imu_bench.offline.exports.numbers import Numbers
-from imu_bench.samples import ANGULAR_VELOCITY, LINEAR_ACCELERATION, Quantity
+from imu_bench.offline.analysis.axis_result import AxisResult
+from imu_bench.offline.exports.numbers import (
+    commented,
+    exponent,
+    lines,
+    notes,
+    Numbers,
+    plain,
+    topic_line,
+)
+from msg_conversions.quantities import (
+    ANGULAR_VELOCITY,
+    IMU_QUANTITIES,
+    LINEAR_ACCELERATION,
+    Quantity,
+)
 
 _FIELDS = (
     ('linear_acceleration', LINEAR_ACCELERATION, '(m/s^2)^2', 'm/s^2'),
@@ -98,3 +112,128 @@ def _covariance(numbers: Numbers, name: str, quantity: Quantity, unit: str) -> s
 
 def _row(values: list[float]) -> str:
     return f'[{", ".join(exponent(v) if v not in (0.0, -1.0) else f"{v:.1f}" for v in values)}]'
+
+
+_UNITS = {
+    'linear_acceleration': ('m/s^2', 'm/s^3'),
+    'angular_velocity': ('rad/s', 'rad/s^2'),
+}
+_KIND = 'continuous-time, two-sided'
+_START = 'how it differs from start to start is not in one recording'
+
+
+def gz_sim(numbers: Numbers) -> str:
+    """
+    Return an SDF sensor element with the noise of each axis.
+
+    gz-sensors (GaussianNoiseModel.cc) adds normal numbers with `stddev` to every sample, and a
+    bias that a step dt takes from b to b e^(−dt/T) plus normal numbers of the variance
+    s² T/2 (1 − e^(−2dt/T)): s is the strength q_c of the process, not its standard deviation.
+    """
+    heading = lines(
+        numbers,
+        'gz-sim (SDF) IMU noise',
+        f'stddev is discrete-time at update_rate: N sqrt(rate), rate {numbers.rate:.4f} Hz',
+        'dynamic_bias_stddev is continuous-time: q_c of a Gauss-Markov process, not its sigma',
+        'bias_mean of the gyroscope is the measured mean without its sign, which gz-sim draws; '
+        'that of the accelerometer is 0, because it cannot be told from gravity and tilt',
+    )
+    comment = '\n'.join(f'  {line.replace("--", "- -")}' for line in heading)
+    text = f'<!--\n{comment}\n-->\n<sensor name="imu" type="imu">\n  <always_on>true</always_on>\n'
+    text += f'  <update_rate>{numbers.rate:.4f}</update_rate>\n'
+    topic = plain(numbers.recording.topic)
+    if topic.startswith('/'):
+        text += f'  <topic>{escape(topic)}</topic>\n'
+    text += '  <imu>\n'
+    for quantity in (ANGULAR_VELOCITY, LINEAR_ACCELERATION):
+        axes = numbers.recording.of(quantity.name)
+        if axes:
+            blocks = ''.join(_noise(numbers, axis) for axis in axes)
+            text += f'    <{quantity.name}>\n{blocks}    </{quantity.name}>\n'
+    return text + '  </imu>\n</sensor>\n'
+
+
+def _noise(numbers: Numbers, axis: AxisResult) -> str:
+    (unit, per_second), letter = _UNITS[axis.quantity], axis.letter
+    white = numbers.axis(axis, 'N')
+    mean = abs(axis.statistics['mean'].value or 0.0) if unit == 'rad/s' else 0.0
+    rows = [
+        ('mean', 0.0, unit),
+        ('stddev', white.value * math.sqrt(numbers.rate), f'{unit}, discrete-time; {white.note}'),
+        ('bias_mean', mean, unit),
+        ('bias_stddev', 0.0, f'{unit}; {_START}'),
+    ]
+    bias = numbers.bias(axis)
+    if bias is not None:
+        time, note = bias.correlation_time, bias.note
+        if math.isinf(time):
+            # a random walk over the recording; SDF has no other way to say it
+            time = numbers.recording.health.duration_s
+            note += '; correlation time: length of the recording'
+        rows += [
+            ('dynamic_bias_stddev', bias.strength, f'{per_second}/sqrt(Hz), {_KIND}; {note}'),
+            ('dynamic_bias_correlation_time', time, 's'),
+        ]
+    inner = ''.join(
+        f'          <{name}>{exponent(value)}</{name}> <!-- {comment.replace("--", "- -")} -->\n'
+        for name, value, comment in rows
+    )
+    if bias is None:
+        inner += '          <!-- no change of the bias was observable -->\n'
+    return (
+        f'      <{letter}>\n        <noise type="gaussian">\n{inner}        </noise>\n'
+        f'      </{letter}>\n'
+    )
+
+
+def kalman(numbers: Numbers) -> str:
+    """
+    Return the models of a Kalman filter for the bias of each axis, continuous and discrete.
+
+    State b, b' = transition b + normal numbers of `driving_variance`, measured with white noise
+    of `measurement_variance`; for a step of one sample.
+    """
+    step = 1.0 / numbers.rate
+    heading = lines(
+        numbers,
+        'bias models for a Kalman filter',
+        f'discrete numbers are for a step of one sample, {step:.9g} s; continuous ones do not '
+        'depend on it',
+        'white noise N is two-sided: measurement_variance = N^2 * rate',
+        'a random walk has an infinite correlation time',
+    )
+    text = commented(heading) + f'step: {exponent(step)}  # s\n'
+    for quantity in IMU_QUANTITIES:
+        for axis in numbers.recording.of(quantity.name):
+            text += _model(numbers, axis, step)
+    return text
+
+
+def _model(numbers: Numbers, axis: AxisResult, step: float) -> str:
+    unit, per_second = _UNITS[axis.quantity]
+    white, bias = numbers.axis(axis, 'N'), numbers.bias(axis)
+    rows = [
+        ('white_noise', exponent(white.value), f'{unit}/sqrt(Hz), {_KIND}; {white.note}'),
+        ('measurement_variance', exponent(white.value**2 * numbers.rate),
+         f'({unit})^2, discrete-time'),
+    ]  # fmt: skip
+    if bias is None:
+        rows.append(('model', 'constant', 'no change of the bias was observable'))
+    else:
+        walk = math.isinf(bias.correlation_time)
+        time = '.inf' if walk else exponent(bias.correlation_time)
+        sigma = '.inf' if walk else exponent(bias.sigma)
+        rows += [
+            ('model', 'random_walk' if walk else 'gauss_markov', bias.note),
+            ('correlation_time', time, 's'),
+            ('sigma', sigma, f'{unit}, of the process'),
+            ('strength', exponent(bias.strength), f'{per_second}/sqrt(Hz), {_KIND}: q_c or K'),
+            ('transition', f'{bias.transition(step):.12f}', 'discrete-time: exp(-step/T_c)'),
+            (
+                'driving_variance',
+                exponent(bias.driving_variance(step)),
+                f'({unit})^2, discrete-time',
+            ),
+        ]
+    body = ''.join(f'  {name}: {value}  # {note}\n' for name, value, note in rows)
+    return f'{axis.name}:\n{body}'

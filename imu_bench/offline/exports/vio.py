@@ -3,9 +3,15 @@
 
 from __future__ import annotations
 
-from imu_bench.offline.exports.header import commented, exponent, lines, notes, topic_line
-from imu_bench.offline.exports.numbers import Numbers
-from imu_bench.samples import ANGULAR_VELOCITY, LINEAR_ACCELERATION
+from imu_bench.offline.exports.numbers import (
+    commented,
+    exponent,
+    lines,
+    notes,
+    Numbers,
+    topic_line,
+)
+from msg_conversions.quantities import ANGULAR_VELOCITY, LINEAR_ACCELERATION
 import numpy as np
 
 _CONTINUOUS = (

@@ -9,12 +9,15 @@ from typing import Any
 
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.stamps.timing import analyse, Gap, Timing
-from imu_bench.offline.axes import axes, Axis
+from imu_bench.offline.analysis.axes import axes, Axis
+from imu_bench.offline.analysis.typed import fields_of
 from imu_bench.offline.health import runs, signals, stamps
+from imu_bench.offline.health.delivery import delivery_findings
 from imu_bench.offline.health.finding import Finding, SEVERITIES, worst
 from imu_bench.offline.health.motion import detect, Motion
-from imu_bench.offline.health.reading import reading_findings
-from imu_bench.offline.health.runs import Numbers
+from imu_bench.offline.health.runs import AxisFacts
+from imu_bench.offline.health.signals import Spikes
+from imu_bench.offline.health.stamps import reading_findings
 from imu_bench.offline.notation import number, percent
 from imu_bench.offline.recordings import Recording
 import numpy as np
@@ -28,98 +31,61 @@ _TEMPERATURE_SPAN = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Health:
-    """
-    What is to be known about a recording before believing its numbers.
+    """What is to be known about a recording before believing its numbers."""
 
-    Attributes
-    ----------
-    findings : tuple of Finding
-        The severe ones first.
-    samples, stored, left_out : int
-        Analysed; read; read but not a number.
-    announced : int or None
-        Messages according to the metadata.
-    duration_s : float
-        From the first to the last stamp.
-    rate, jitter : Estimate
-        True sample rate in Hz; scatter of the sample intervals in s.
-    gaps : tuple of Gap
-        The longest ones, in the order of time.
-    gap_count : int
-        All of them.
-    missing, duplicates, order_faults : int
-        Samples that the true time grid lacks; stamps that repeat or step back.
-    resolution : mapping of str to Estimate
-        Step between the values of each axis that is quantised.
-    motion : tuple of (float, float)
-        When the sensor moved: begin and end in s after the first sample of the recording.
-    still : tuple of float
-        The longest stretch without motion, counted in the same way.
-    stamp_source, stamp_reason : str
-        Which stamps were used and why.
-    timing : Timing or None
-        The full analysis of the stamps; None when read from JSON.
-    coarse : frozenset of str
-        Axes whose noise is below their resolution; empty when read from JSON.
-    """
-
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # the severe ones first
+    # samples, stored, left_out: analysed; read; read but not a number
     samples: int
     stored: int
     left_out: int
-    announced: int | None
-    duration_s: float
+    announced: int | None  # messages according to the metadata
+    duration_s: float  # from the first to the last stamp
+    # rate, jitter: true sample rate in Hz; scatter of the sample intervals in s
     rate: Estimate
     jitter: Estimate
-    gaps: tuple[Gap, ...]
-    gap_count: int
+    gaps: tuple[Gap, ...]  # the longest ones, in the order of time
+    gap_count: int  # all of them
+    # missing, duplicates, order_faults: samples that the true time grid lacks; stamps that repeat
+    # or step back
     missing: int
     duplicates: int
     order_faults: int
-    resolution: Mapping[str, Estimate]
+    resolution: Mapping[str, Estimate]  # step between the values of each axis that is quantised
+    # when the sensor moved: begin and end in s after the first sample of the recording
     motion: tuple[tuple[float, float], ...]
-    still: tuple[float, float]
+    still: tuple[float, float]  # the longest stretch without motion, counted in the same way
+    # stamp_source, stamp_reason: which stamps were used and why
     stamp_source: str
     stamp_reason: str
+    # mean in °C of the first and the last twentieth; empty where none was recorded
+    temperature: tuple[float, ...] = ()
+    # the full analysis of the stamps; None when read from JSON
     timing: Timing | None = field(default=None, repr=False)
+    # axes whose noise is below their resolution; empty when read from JSON
     coarse: frozenset[str] = frozenset()
+    # outliers of each axis; empty when read from JSON
+    spikes: Mapping[str, Spikes] = field(default_factory=dict, repr=False)
 
     @property
     def severity(self) -> str:
         """The worst severity among the findings."""
         return worst(self.findings)
 
+    @property
+    def severe(self) -> tuple[Finding, ...]:
+        """The findings for which the numbers are not to be trusted."""
+        return tuple(found for found in self.findings if found.severity == 'severe')
+
+    @property
+    def moved(self) -> bool:
+        """Whether the sensor moved, so that its noise figures describe the motion."""
+        return any(finding.code == 'motion' for finding in self.findings)
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON object of schema imu_bench.analysis/1."""
-        return {
-            'severity': self.severity,
-            'findings': [finding.to_json() for finding in self.findings],
-            'samples': self.samples,
-            'stored': self.stored,
-            'left_out': self.left_out,
-            'announced': self.announced,
-            'duration_s': self.duration_s,
-            'rate': self.rate.to_json(),
-            'jitter': self.jitter.to_json(),
-            'gap_count': self.gap_count,
-            'gaps': [
-                {
-                    'index': gap.index,
-                    'start_ns': gap.start_ns,
-                    'duration_s': gap.duration_s,
-                    'missing': gap.missing,
-                }
-                for gap in self.gaps
-            ],
-            'missing': self.missing,
-            'duplicates': self.duplicates,
-            'order_faults': self.order_faults,
-            'resolution': {name: step.to_json() for name, step in self.resolution.items()},
-            'motion_s': [list(interval) for interval in self.motion],
-            'still_s': list(self.still),
-            'stamp_source': self.stamp_source,
-            'stamp_reason': self.stamp_reason,
-        }
+        without = ('timing', 'coarse', 'spikes')
+        document = fields_of(self, but=without, motion='motion_s', still='still_s')
+        return {'severity': self.severity, **document}
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> Health:
@@ -138,6 +104,7 @@ class Health:
             resolution={n: Estimate.from_json(e) for n, e in document['resolution'].items()},
             motion=tuple((a, b) for a, b in document['motion_s']),
             still=(first, last),
+            temperature=tuple(document.get('temperature', ())),
         )
 
 
@@ -151,24 +118,6 @@ def check(
     """
     Return the health of a recording.
 
-    Parameters
-    ----------
-    recording : Recording
-        With at least two samples.
-    problems : sequence of str, optional
-        What went wrong while the file was opened and read.
-    timing : Timing, optional
-        The analysis of its stamps, if it exists already.
-    origin_ns : int, optional
-        Stamp from which times are given; the first one of these samples by default.
-
-    Raises
-    ------
-    DataError
-        If the stamps do not give a sample rate.
-
-    Notes
-    -----
     Tones are found in the spectrum and are added by the analysis, which has it.
     """
     timing = analyse(recording.samples.stamps) if timing is None else timing
@@ -176,14 +125,17 @@ def check(
     present = list(axes(recording.samples))
     facts = {axis.name: runs.examine(axis.values) for axis in present}
     motion = detect(present, rate)
+    spikes = signals.spikes(facts, present, motion)
     stamps_ns = recording.samples.stamps
     origin = int(stamps_ns[0]) if origin_ns is None else origin_ns
     when = _clock(stamps_ns, origin)
     findings = [
         *reading_findings(recording, problems),
+        *delivery_findings(recording.delivery, origin),
         *stamps.timing_findings(timing, origin),
         *stamps.clock_findings(recording),
         *_signal_findings(recording, present, facts, motion, when),
+        *signals.spike_findings(spikes, when),
     ]
     first, last = motion.longest_still()
     return Health(
@@ -193,7 +145,7 @@ def check(
         left_out=recording.left_out,
         announced=recording.announced,
         duration_s=timing.duration_s,
-        rate=timing.rate,
+        rate=typed(timing.rate) if recording.stamp_source == 'rate' else timing.rate,
         jitter=timing.jitter,
         gaps=timing.gaps,
         gap_count=timing.gap_count,
@@ -211,9 +163,16 @@ def check(
         else (when(0), when(stamps_ns.size)),
         stamp_source=recording.stamp_source,
         stamp_reason=recording.stamp_reason,
+        temperature=_ends(recording.samples.temperature),
         timing=timing,
         coarse=frozenset(name for name, fact in facts.items() if signals.is_coarse(fact)),
+        spikes=spikes,
     )
+
+
+def typed(rate: Estimate) -> Estimate:
+    """Return a rate that the user gave: nothing measured it."""
+    return Estimate(rate.value, None, None, 'Hz', rate.confidence, method='given with --rate')
 
 
 def ranked(findings: Sequence[Finding]) -> tuple[Finding, ...]:
@@ -224,7 +183,7 @@ def ranked(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 def _signal_findings(
     recording: Recording,
     present: list[Axis],
-    facts: Mapping[str, Numbers],
+    facts: Mapping[str, AxisFacts],
     motion: Motion,
     when: Callable[[int], float],
 ) -> Iterator[Finding]:
@@ -234,10 +193,10 @@ def _signal_findings(
     yield from signals.repeated(samples, facts)
     yield from signals.saturated(facts, present)
     yield from signals.coarse(facts, present)
-    yield from signals.spikes(facts, present, motion, when)
-    yield from signals.gravity(samples, motion.size)
+    yield from signals.impossible(facts, present, when)
+    yield from signals.gravity(samples, motion.size, moved=motion.share > _SEVERE_MOTION)
     yield from _motion_finding(motion, when)
-    yield from _temperature_finding(recording)
+    yield from _temperature_finding(_ends(samples.temperature))
 
 
 def _clock(stamps_ns: npt.NDArray[np.int64], origin: int) -> Callable[[int], float]:
@@ -271,17 +230,20 @@ def _motion_finding(motion: Motion, when: Callable[[int], float]) -> Iterator[Fi
     )
 
 
-def _temperature_finding(recording: Recording) -> Iterator[Finding]:
-    temperature = recording.samples.temperature
+def _ends(temperature: npt.NDArray[np.float64] | None) -> tuple[float, ...]:
+    """Return the mean of the first and of the last twentieth, where there is one."""
     if temperature is None or temperature.size < 20:
-        return
+        return ()
     edge = temperature.size // 20
-    begin, end = float(temperature[:edge].mean()), float(temperature[-edge:].mean())
-    if abs(end - begin) > _TEMPERATURE_SPAN:
+    return float(temperature[:edge].mean()), float(temperature[-edge:].mean())
+
+
+def _temperature_finding(ends: Sequence[float]) -> Iterator[Finding]:
+    if ends and abs(ends[1] - ends[0]) > _TEMPERATURE_SPAN:
         yield Finding(
             'info',
             'temperature',
-            f'The sensor went from {begin:.1f} to {end:.1f} °C.',
+            f'The sensor went from {ends[0]:.1f} to {ends[1]:.1f} °C.',
             'Bias drift with temperature appears as rate random walk and ramp.',
             'Let the sensor warm up as long before the test, in a room without draught.',
         )

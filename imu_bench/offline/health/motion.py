@@ -15,8 +15,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from imu_bench.offline.axes import Axis
-from imu_bench.samples import ANGULAR_VELOCITY
+from imu_bench.metrology.stretches import stretches
+from imu_bench.offline.analysis.axes import Axis
+from msg_conversions.quantities import ANGULAR_VELOCITY
 import numpy as np
 import numpy.typing as npt
 
@@ -72,27 +73,7 @@ class Motion(NamedTuple):
 
 
 def detect(signals: Iterable[Axis], rate_hz: float) -> Motion:
-    """
-    Return when the sensor moved.
-
-    Parameters
-    ----------
-    signals : iterable of Axis
-        All axes of one recording, of equal length.
-    rate_hz : float
-        Samples per second.
-
-    Examples
-    --------
-    >>> from imu_bench.offline.axes import axes
-    >>> from imu_bench.samples import Samples
-    >>> gyro = np.random.default_rng(1).normal(0.0, 1e-3, (6000, 3))
-    >>> detect(axes(Samples(np.arange(6000), angular_velocity=gyro)), 100.0).share
-    0.0
-    >>> gyro[3000:3300, 2] += 0.5
-    >>> detect(axes(Samples(np.arange(6000), angular_velocity=gyro)), 100.0).intervals()
-    [(2900, 3400)]
-    """
+    """Return when the sensor moved."""
     size = max(_MIN_BLOCK, round(rate_hz * BLOCK_S))
     moving: Bools | None = None
     for axis in signals:
@@ -163,5 +144,4 @@ def _trimmed(block: Floats) -> tuple[float, float]:
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+    return [(a, b) for a, b in stretches(flags).tolist()]

@@ -3,12 +3,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+from imu_bench.bags.problems import (
+    code_of,
+    COUNTS,
+    FLOODED,
+    FOREIGN,
+    INCOMPLETE,
+    NOT_A_NUMBER,
+    Problem,
+    PUBLISHERS,
+    RECORDERS,
+    REMARK,
+    SIMULATED,
+    STAMPS,
+)
 from imu_bench.metrology.stamps.timing import Timing
 from imu_bench.offline.health.finding import Finding
 from imu_bench.offline.notation import count, duration, number, percent, text
 from imu_bench.offline.recordings import Recording
+from imu_bench.offline.recordings.sifting import OUTER
 import numpy as np
 
 # share of the true time grid: where a share p is lost at random, half of the differences over
@@ -96,7 +111,7 @@ def clock_findings(recording: Recording) -> Iterator[Finding]:
             'Make the driver fill header.stamp with the time of measurement.',
         )
     stamps, received = recording.samples.stamps, recording.receive_ns
-    if recording.stamp_source != 'header' or received is None or stamps.size < 3:
+    if recording.stamp_source not in ('header', OUTER) or received is None or stamps.size < 3:
         return
     apart = slice(None, None, max(1, stamps.size // _LOOKED_AT))
     delay = (received[apart] - stamps[apart]) * 1e-9
@@ -122,3 +137,114 @@ def clock_findings(recording: Recording) -> Iterator[Finding]:
             'The rate, and every coefficient per time, is uncertain by that much at most.',
             'Check which of the two clocks is disciplined.',
         )
+
+
+_SEVERE = 0.05  # share of messages lost or left out, as `stamps._MANY_MISSING`
+_ELSEWHERE = (COUNTS, STAMPS, NOT_A_NUMBER)  # codes of notes that are findings of their own
+
+
+def reading_findings(recording: Recording, problems: Sequence[str]) -> Iterator[Finding]:
+    """Yield what happened while a recording was read."""
+    for words in problems:
+        own = isinstance(words, Problem) and words.topic == recording.topic
+        if not (own and code_of(words) == COUNTS):  # compared below
+            yield _remark(words)
+    for words in recording.notes:
+        if code_of(words) not in _ELSEWHERE:
+            yield _remark(words)
+    yield from _counts(recording)
+    yield from _left_out(recording)
+
+
+def simulation_finding(words: str) -> Finding:
+    """Return that nothing measured the samples."""
+    return Finding(
+        'info',
+        SIMULATED,
+        f'{words[:1].upper()}{words[1:].rstrip(".")}.',
+        'The numbers say what went into the simulation, not what a sensor does.',
+        'Learn the tool with it; to choose a sensor or to set a filter, record the real one.',
+    )
+
+
+def _remark(words: str) -> Finding:
+    if code_of(words) == INCOMPLETE:
+        return Finding(
+            'warning',
+            INCOMPLETE,
+            f'{words}.',
+            'The numbers describe the part that could be read.',
+            'Check that the recorder was stopped properly, and the disk it wrote to.',
+        )
+    if code_of(words) == SIMULATED:
+        return simulation_finding(words)
+    if code_of(words) == FOREIGN:
+        return Finding(
+            'info',
+            FOREIGN,
+            f'{words[:1].upper()}{words[1:]}.',
+            'It stands apart from the sensors, and is compared with none.',
+            'Find out who published it; --topic analyses it like a sensor.',
+        )
+    if code_of(words) == PUBLISHERS:
+        return Finding(
+            'severe',
+            PUBLISHERS,
+            f'{words}.',
+            'What is in the recording need not be what the sensor measured: it is no evidence.',
+            'End the others, or find out who they are, and record again; by itself imu-bench '
+            'keeps a bench to this machine.',
+        )
+    if code_of(words) == RECORDERS:
+        return Finding(
+            'warning',
+            RECORDERS,
+            f'{words}.',
+            'Each has all that the sensors sent; the machine had both to carry, and who asks '
+            'something of the recorder asks either of them.',
+            'Record a bench once, and give a second one a ROS_DOMAIN_ID of its own.',
+        )
+    if code_of(words) == FLOODED:
+        return Finding(
+            'warning',
+            FLOODED,
+            f'{words}.',
+            'None on the samples; what the nodes said of them may be incomplete.',
+            'Find out who publishes so much on /diagnostics.',
+        )
+    return Finding(
+        'info',
+        REMARK,
+        f'{words}.',
+        'None, if this is what you expect.',
+        'Check how the recording was made, and the options.',
+    )
+
+
+def _counts(recording: Recording) -> Iterator[Finding]:
+    announced, stored = recording.announced, recording.stored
+    if announced is None or announced == stored:
+        return
+    lost = abs(announced - stored) / max(announced, stored)
+    yield Finding(
+        'severe' if lost > _SEVERE else 'warning',
+        COUNTS,
+        f'The metadata announces {count(announced, "message")}, {stored} were read.',
+        'Metadata and storage disagree: messages may be missing at the end or in between.',
+        'Compare with the original recording; do not use it as evidence of a data rate.',
+    )
+
+
+def _left_out(recording: Recording) -> Iterator[Finding]:
+    if not recording.left_out:
+        return
+    details = '; '.join(note for note in recording.notes if code_of(note) == NOT_A_NUMBER)
+    share = recording.left_out / max(recording.stored, 1)
+    yield Finding(
+        'severe' if share > _SEVERE else 'warning',
+        NOT_A_NUMBER,
+        f'{count(recording.left_out, "sample")} ({percent(share)}) hold NaN or infinite '
+        f'values{f": {details}" if details else ""}.',
+        'They are left out and treated as gaps; nothing is averaged over them.',
+        'Look for read errors or a division by zero in the driver.',
+    )

@@ -11,7 +11,7 @@ from imu_bench.offline.imports.naming import is_from_bag
 from imu_bench.offline.imports.tracks import received, reported
 from imu_bench.offline.notation import count, duration, number
 from imu_bench.offline.recordings import Recording
-from imu_bench.samples import AXES, IMU_QUANTITIES
+from msg_conversions.quantities import AXES, IMU_QUANTITIES
 import numpy as np
 
 _LOOKED_AT = 1 << 20
@@ -25,39 +25,18 @@ _QUANTITIES = ('orientation', 'angular velocity', 'acceleration')
 
 @dataclass(frozen=True)
 class Entry:
-    """
-    One stream that was written.
+    """One stream that was written."""
 
-    Attributes
-    ----------
-    name : str
-        Of the topic, file or folder.
-    samples : int
-    words : str
-        What the user must know of it.
-    """
-
-    name: str
+    name: str  # of the topic, file or folder
     samples: int
-    words: str
+    words: str  # what the user must know of it
 
     def __str__(self) -> str:
         return f'{self.name}: {self.words}'
 
 
 def entry(name: str, recording: Recording, remarks: list[str], lost: int = 0) -> Entry:
-    """
-    Return the entry of a recording written under a name.
-
-    Parameters
-    ----------
-    name : str
-    recording : Recording
-    remarks : list of str
-        On what was kept.
-    lost : int
-        Samples with stamps that the output has no room for.
-    """
+    """Return the entry of a recording written under a name."""
     stamps = recording.samples.stamps
     size = count(len(recording) - lost, 'sample')
     long = duration((int(stamps.max()) - int(stamps.min())) * 1e-9)

@@ -8,6 +8,7 @@ from pathlib import Path
 import re
 
 from imu_bench.offline.recordings import Recording
+from imu_bench.offline.recordings.sifting import OUTER
 
 _SEPARATOR = re.compile(r'[^A-Za-z0-9_]+')
 _DIGIT = re.compile(r'^(?=\d)')
@@ -24,25 +25,13 @@ def token(words: str) -> str:
 
     Source: ROS 2 design, "Topic and Service name mapping to DDS", rules of names: letters,
     digits and underscores, no digit first, no two underscores in a row.
-
-    Examples
-    --------
-    >>> token('example data (2).csv'), token('2nd floor'), token('§')
-    ('example_data_2_csv', 'imu_2nd_floor', 'imu')
     """
     plain = re.sub('__+', '_', _SEPARATOR.sub('_', words)).strip('_')
     return _DIGIT.sub(f'{_NAMELESS}_', plain) or _NAMELESS
 
 
 def topic(name: str) -> str:
-    """
-    Return the name of a topic as ROS 2 accepts it; one that it accepts stays as it is.
-
-    Examples
-    --------
-    >>> topic('/imu/data'), topic('/robot.imu'), topic('imu 3/data')
-    ('/imu/data', '/robot_imu', '/imu_3/data')
-    """
+    """Return the name of a topic as ROS 2 accepts it; one that it accepts stays as it is."""
     if re.fullmatch(r'(?:/(?!\d)\w+)+', name, re.ASCII) and '__' not in name:
         return name
     parts = [token(part) for part in name.split('/') if part]
@@ -51,7 +40,7 @@ def topic(name: str) -> str:
 
 def is_from_bag(recording: Recording) -> bool:
     """Return whether a recording was a topic of a bag."""
-    return recording.stamp_source in ('header', 'receive')
+    return recording.stamp_source in ('header', OUTER, 'receive')
 
 
 def label(recording: Recording) -> str:
@@ -65,33 +54,13 @@ def label(recording: Recording) -> str:
 
 
 class Names:
-    """
-    Hands out each name once.
-
-    Examples
-    --------
-    >>> names = Names()
-    >>> [names.claim('/imu', Path(f'/{day}/imu.csv')) for day in ('mon', 'tue', 'tue')]
-    ['/imu', '/tue/imu', '/tue/imu_2']
-    >>> names.claim('/imu', Path('night.mcap'))
-    '/night/imu'
-    """
+    """Hands out each name once."""
 
     def __init__(self) -> None:
         self._taken: set[str] = set()
 
     def claim(self, wanted: str, source: Path, below: Sequence[str] = ()) -> str:
-        """
-        Return a name; where it is taken, that of the source or its folder comes before it.
-
-        Parameters
-        ----------
-        wanted : str
-        source : Path
-            Where what is named comes from.
-        below : sequence of str
-            Names below this one that must be free, too.
-        """
+        """Return a name; where it is taken, that of the source or its folder comes before it."""
         name = wanted
         if self._taken & _all(name, below):
             own, folder = token(source.stem), token(source.resolve().parent.name)

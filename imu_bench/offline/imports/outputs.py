@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where imported recordings go: a bag, tables, columns."""
+"""Where imported recordings go: a bag, tables as `analyze` reads them without options, columns."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import heapq
 from pathlib import Path
 from typing import Protocol
@@ -11,13 +11,15 @@ from typing import Protocol
 from imu_bench.bags.columns import ColumnWriter
 from imu_bench.bags.writer import BagWriter
 from imu_bench.errors import RecordingError
-from imu_bench.offline.imports import table
-from imu_bench.offline.imports.beside import field_of, owned
 from imu_bench.offline.imports.entry import Entry, entry, kept_in_bag, lost_outside_bags
 from imu_bench.offline.imports.naming import is_from_bag, label, Names
-from imu_bench.offline.imports.taking import Taken
-from imu_bench.offline.imports.tracks import Step, tracks, without_room
+from imu_bench.offline.imports.taking import field_of, owned, Taken
+from imu_bench.offline.imports.tracks import reported, Step, tracks, without_room
 from imu_bench.offline.recordings import Recording
+from imu_bench.samples import Samples
+from msg_conversions.quantities import BY_FIELD, ORIENTATION, TEMPERATURE
+import numpy as np
+import numpy.typing as npt
 
 _FLUSHED = 8 << 20
 """Bytes of messages that are handed over together."""
@@ -36,17 +38,7 @@ class Output(Protocol):
 
 
 class BagOutput:
-    """
-    A bag of ROS 2.
-
-    Parameters
-    ----------
-    path : Path
-        Must not exist.
-    storage : {'mcap', 'sqlite3'}
-    custom : mapping of str to str
-        Custom data of its metadata.
-    """
+    """A bag of ROS 2."""
 
     def __init__(self, path: Path, storage: str, custom: Mapping[str, str]) -> None:
         self._bag = BagWriter(path, storage, custom=custom)
@@ -83,16 +75,7 @@ class BagOutput:
 
 
 class TableOutput:
-    """
-    CSV: one file, or one per stream in a folder.
-
-    Parameters
-    ----------
-    path : Path
-        The draft; must not exist.
-    shown : Path
-        What it will be; a file if it ends with .csv.
-    """
+    """CSV: one file, or one per stream in a folder."""
 
     def __init__(self, path: Path, shown: Path) -> None:
         self._path = path
@@ -114,7 +97,7 @@ class TableOutput:
         entries = []
         for recording in taken.imus:
             name = f'{self._names.claim(label(recording), taken.path)}.csv'
-            table.write(self._path if self._single else self._path / name, recording, step)
+            write_table(self._path if self._single else self._path / name, recording, step)
             remarks = lost_outside_bags(recording, 'CSV')
             shown = self._shown if self._single else self._shown / name
             entries.append(entry(str(shown), recording, remarks))
@@ -130,16 +113,7 @@ class TableOutput:
 
 
 class ColumnOutput:
-    """
-    Columns of NumPy, one folder per stream, as `imu-bench simulate --storage npy` writes them.
-
-    Parameters
-    ----------
-    path : Path
-        The draft; must not exist.
-    shown : Path
-        What it will be.
-    """
+    """Columns of NumPy, one folder per stream, as `simulate --storage npy` writes them."""
 
     def __init__(self, path: Path, shown: Path) -> None:
         self._path = path
@@ -187,3 +161,46 @@ class ColumnOutput:
             writer.close()
         finally:
             writer.abandon()
+
+
+BLOCK = 1 << 14
+"""Rows that are written at once."""
+
+_NANO = 1_000_000_000
+
+
+def write_table(path: Path, recording: Recording, step: Callable[[int], None]) -> None:
+    """Write a recording as the CSV that needs no option to be read."""
+    columns = named_columns(recording.samples, turns=reported(recording))
+    with path.open('w', encoding='ascii', newline='') as file:
+        file.write(','.join(['stamp_s', *columns]) + '\n')
+        for start in range(0, len(recording), BLOCK):
+            part = slice(start, min(start + BLOCK, len(recording)))
+            table = np.column_stack([column[part] for column in columns.values()])
+            file.write(rows(recording.samples.stamps[part], table))
+            step(part.stop - part.start)
+
+
+def named_columns(samples: Samples, *, turns: bool = False) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the columns that hold numbers, by their names in the header."""
+    found: dict[str, npt.NDArray[np.float64]] = {}
+    for field, values in samples.columns.items():
+        quantity = BY_FIELD[field]
+        if quantity is TEMPERATURE:
+            found['temperature_degC'] = values
+        elif turns or quantity is not ORIENTATION:
+            named = zip(quantity.columns, values.T, strict=True)
+            # an axis is there in every sample or in none
+            found |= {name: column for name, column in named if not np.isnan(column[:1]).any()}
+    return found
+
+
+def rows(stamps: npt.NDArray[np.int64], table: npt.NDArray[np.float64]) -> str:
+    """Return rows of text from which the same bits come back."""
+    lines = []
+    for stamp, values in zip(stamps.tolist(), table.tolist(), strict=True):
+        sec, nanosec = divmod(abs(stamp), _NANO)
+        sign = '-' if stamp < 0 else ''
+        # a list writes the shortest digits that give the same float again
+        lines.append(f'{sign}{sec}.{nanosec:09d},{repr(values)[1:-1]}\n')
+    return ''.join(lines).replace(', ', ',')

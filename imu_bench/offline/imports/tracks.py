@@ -3,26 +3,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from imu_bench.bags.sensor_messages import (
-    IMU,
-    INCLINATION,
-    MAGNETIC_FIELD,
-    Messages,
-    TEMPERATURE,
-    TYPES,
-)
+from imu_bench.bags.block import Messages
 from imu_bench.bags.topic_info import describe, OfferedQos, TopicInfo
 from imu_bench.errors import RecordingError
 from imu_bench.offline.imports.naming import is_from_bag, label, Names, topic
 from imu_bench.offline.recordings import Recording
 from imu_bench.offline.recordings.gathering import PIECE
-from imu_bench.offline.recordings.stamps import choose
-from msg_conversions import cdr, covariance
-from msg_conversions.templates import ImuTemplate, Template
+from imu_bench.offline.recordings.sifting import choose
+from msg_conversions import covariance
+from msg_conversions.encoding import SensorEncoder
+from msg_conversions.quantities import (
+    ANGULAR_VELOCITY,
+    IMU_QUANTITIES,
+    LINEAR_ACCELERATION,
+    ORIENTATION,
+    QUANTITIES,
+    Quantity,
+    TYPES,
+)
 import numpy as np
 import numpy.typing as npt
 
@@ -43,25 +45,15 @@ _FIRST_NS = -(2**31) * 1_000_000_000
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """
-    One topic of a bag that is written.
-
-    Attributes
-    ----------
-    info : TopicInfo
-    stamps, receive_ns : ndarray of int64, shape (n,)
-        A bag has no time of arrival before 1970: then it is written as that.
-    template : Template
-        What is the same in all messages.
-    columns : tuple of (slice, ndarray)
-        What is not: which numbers, and their values, shape (n, width).
-    """
+    """One topic of a bag that is written."""
 
     info: TopicInfo
+    # a bag has no time of arrival before 1970: then it is written as that
     stamps: Integers
     receive_ns: Integers
-    template: Template
-    columns: tuple[tuple[slice, Floats], ...]
+    encoder: SensorEncoder  # knows what is the same in all messages
+    # what is not, by the field of the quantity; shape (n, components) or (n,)
+    columns: Mapping[str, Floats]
 
     def messages(self, step: Step) -> Iterator[Messages]:
         """Yield the messages, so many as arrive in a short time together."""
@@ -72,8 +64,8 @@ class Track:
             part = slice(start, min(start + BLOCK, size))
             good = _fits(self.stamps[part])
             kept = np.flatnonzero(good) + start if not good.all() else part
-            numbers = [(which, values[kept]) for which, values in self.columns]
-            rows = self.template.rows(self.stamps[kept], *numbers)
+            columns = {field: values[kept] for field, values in self.columns.items()}
+            rows = self.encoder.rows(self.stamps[kept], columns)
             receive = np.maximum(self.receive_ns[kept], 0)
             for cut in range(0, len(rows), grain):
                 few = slice(cut, cut + grain)
@@ -99,10 +91,11 @@ def tracks(recording: Recording, names: Names) -> list[Track]:
         space = names.claim(f'/{label(recording)}', source, tuple(TYPES))
     frame_id = recording.frame_id if own else f'{space.strip("/").replace("/", "_")}_link'
     found = []
-    for last, template, columns in _contents(recording, frame_id):
+    encoder = SensorEncoder(frame_id, _covariances(recording))
+    for last, columns in _contents(recording):
         full = names.claim(space, source) if own else f'{space}/{last}'
         info = describe(full, TYPES[last], [OfferedQos()])
-        found.append(Track(info, stamps, receive, template, columns))
+        found.append(Track(info, stamps, receive, encoder, columns))
     return found
 
 
@@ -119,58 +112,28 @@ def reported(recording: Recording) -> bool:
     return any((part != first).any() for part in parts)
 
 
-def _contents(
-    recording: Recording, frame_id: str
-) -> Iterator[tuple[str, Template, tuple[tuple[slice, Floats], ...]]]:
-    """Yield the last part of the name, what is constant, and what is not, of every topic."""
-    samples, known = recording.samples, recording.covariances
-    if samples.acceleration is not None or samples.angular_velocity is not None:
-        yield IMU, _imu_template(recording, frame_id), _imu_columns(recording)
-        known = ()
-    uncertainty = known[0] if known else None
-    if samples.magnetic_field is not None:
-        rest = uncertainty or covariance.UNKNOWN
-        columns = ((cdr.MAGNETIC_FIELD_VECTOR, samples.magnetic_field),)
-        yield MAGNETIC_FIELD, Template(frame_id, (0.0, 0.0, 0.0, *rest)), columns
-    if samples.temperature is not None:
-        columns = ((cdr.TEMPERATURE_VALUE, samples.temperature[:, None]),)
-        yield TEMPERATURE, Template(frame_id, (0.0, *(uncertainty or (0.0,)))), columns
-    if samples.inclination is not None:
-        columns = ((cdr.VECTOR3_VECTOR, samples.inclination),)
-        yield INCLINATION, Template(frame_id, (0.0, 0.0, 0.0)), columns
+def _contents(recording: Recording) -> Iterator[tuple[str, dict[str, Floats]]]:
+    """Yield the last part of the name and the columns of every topic."""
+    columns = recording.samples.columns
+    turns = columns.pop(ORIENTATION.field, None)
+    motion = {q.field: columns.pop(q.field) for q in IMU_QUANTITIES if q.field in columns}
+    if motion:
+        if turns is not None and reported(recording):
+            motion[ORIENTATION.field] = turns
+        yield LINEAR_ACCELERATION.topic, motion
+    for quantity in QUANTITIES:
+        if quantity.field in columns:
+            yield quantity.topic, {quantity.field: columns[quantity.field]}
 
 
-def _imu_template(recording: Recording, frame_id: str) -> ImuTemplate:
-    """Return what all messages have: what is missing is declared so (REP-145)."""
-    samples = recording.samples
-    turn, rate, force = recording.covariances or (None, None, None)
-    there = (
-        reported(recording),
-        samples.angular_velocity is not None,
-        samples.acceleration is not None,
-    )
-    orientation, angular_velocity, acceleration = (
-        (known or covariance.UNKNOWN) if present else covariance.NOT_REPORTED
-        for known, present in zip((turn, rate, force), there, strict=True)
-    )
-    return ImuTemplate(
-        frame_id,
-        acceleration_covariance=acceleration,
-        angular_velocity_covariance=angular_velocity,
-        orientation_covariance=orientation,
-    )
-
-
-def _imu_columns(recording: Recording) -> tuple[tuple[slice, Floats], ...]:
-    samples = recording.samples
-    found = []
-    if samples.acceleration is not None:
-        found.append((cdr.IMU_LINEAR_ACCELERATION, samples.acceleration))
-    if samples.angular_velocity is not None:
-        found.append((cdr.IMU_ANGULAR_VELOCITY, samples.angular_velocity))
-    if samples.orientation is not None and reported(recording):
-        found.append((cdr.IMU_ORIENTATION, samples.orientation))
-    return tuple(found)
+def _covariances(recording: Recording) -> dict[str, tuple[float, ...]]:
+    """Return the covariances that the recording had, in the order of its message."""
+    there = [quantity for quantity in QUANTITIES if quantity.field in recording.samples.columns]
+    order: Sequence[Quantity] = there
+    if LINEAR_ACCELERATION in there or ANGULAR_VELOCITY in there:
+        order = (ORIENTATION, ANGULAR_VELOCITY, LINEAR_ACCELERATION)
+    known = zip(order, recording.covariances, strict=False)
+    return {quantity.name: values for quantity, values in known if values is not None}
 
 
 def received(recording: Recording) -> Integers:
@@ -183,14 +146,7 @@ def received(recording: Recording) -> Integers:
 
 
 def without_room(recording: Recording) -> int:
-    """
-    Return how many samples of a bag have stamps that no message can hold, damaged ones.
-
-    Raises
-    ------
-    RecordingError
-        If those of another recording do not fit, or none at all does.
-    """
+    """Return how many samples of a bag have stamps that no message can hold, damaged ones."""
     stamps = recording.samples.stamps
     parts = (slice(start, start + PIECE) for start in range(0, stamps.size, PIECE))
     lost = sum(int(np.count_nonzero(~_fits(stamps[part]))) for part in parts)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The test plans of the documents, one file per plan.
+The test plans of the documents, one folder per plan.
 
-A file in this folder that defines a `Plan` or a `NoisePlan` is a plan; nothing else has to be
-told of it.  What several files of a plan share lies in a folder beside it.
+A folder here that defines a `Plan` or a `NoisePlan` is a plan; nothing else has to be told of it.
+Beside it lie what it keeps of a recording (`measuring`), how recordings stand to one another
+(`comparing`), and its tables and figures (`presenting`), as far as it needs them.
 
 >>> from imu_bench.offline import plans
 >>> 'static' in plans.names()
@@ -20,13 +21,11 @@ from typing import Any
 from imu_bench.errors import ConfigError
 from imu_bench.offline.plans.plan import AnyPlan
 
-_GRAMMAR = ('plan', 'result', 'shown')
-
 
 def names() -> list[str]:
-    """Return the names of all plans, as given to ``--plan``; folders hold parts of plans."""
-    files = (module.name for module in pkgutil.iter_modules(__path__) if not module.ispkg)
-    return sorted(name.replace('_', '-') for name in files if name not in _GRAMMAR)
+    """Return the names of all plans, as given to ``--plan``."""
+    folders = (module.name for module in pkgutil.iter_modules(__path__) if module.ispkg)
+    return sorted(name.replace('_', '-') for name in folders)
 
 
 def load(name: str) -> type[AnyPlan[Any]]:
@@ -48,4 +47,4 @@ def load(name: str) -> type[AnyPlan[Any]]:
             plan: type[AnyPlan[Any]] = item
             if plan.__module__ == module.__name__:
                 return plan
-    raise ConfigError(f'--plan {name}: its file defines no plan')
+    raise ConfigError(f'--plan {name}: its folder defines no plan')

@@ -7,12 +7,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
+from imu_bench.config.files import load
 from imu_bench.config.schema import REQUIRED, Setting, stated
-from imu_bench.errors import ConfigError
+from imu_bench.errors import ConfigError, DataError, RecordingError
 from imu_bench.metrology.estimate import CONFIDENCE
+from imu_bench.metrology.stamps import time_grid
+from imu_bench.offline.analysis.results import RecordingResult
+from imu_bench.offline.comparing.sensors import labels, Named
 from imu_bench.offline.plans.result import PlanResult
 from imu_bench.offline.recordings import Recording
-from imu_bench.offline.results import RecordingResult
+import numpy as np
+import numpy.typing as npt
 import yaml
 
 Measured = TypeVar('Measured')
@@ -20,26 +25,11 @@ Measured = TypeVar('Measured')
 
 
 class AnyPlan(ABC, Generic[Measured]):
-    """
-    Settings and conclusion of a test plan.
-
-    Parameters
-    ----------
-    settings : mapping of str to str
-        As given to ``--set NAME=VALUE``.
-    reference : str
-        Sensor that the others are compared with, as given to ``--reference``.
-    confidence : float
-        Level of every interval.
-
-    Raises
-    ------
-    ConfigError
-        If a setting is unknown, missing or not allowed.
-    """
+    """Settings and conclusion of a test plan."""
 
     name: ClassVar[str]
     title: ClassVar[str]
+    document: ClassVar[str] = ''  # that it follows, if any
     SETTINGS: ClassVar[tuple[Setting, ...]] = ()
 
     def __init__(
@@ -59,14 +49,7 @@ class AnyPlan(ABC, Generic[Measured]):
 
     @abstractmethod
     def conclude(self, measured: Sequence[Measured]) -> PlanResult:
-        """
-        Return the result of all recordings, in the order given.
-
-        Raises
-        ------
-        RecordingError
-            If something the plan needs is missing, such as a sensor or a run.
-        """
+        """Return the result of all recordings, in the order given."""
 
 
 class Plan(AnyPlan[Measured]):
@@ -79,21 +62,7 @@ class Plan(AnyPlan[Measured]):
 
     @abstractmethod
     def measure(self, source: str, recordings: Sequence[Recording]) -> Measured:
-        """
-        Return what is kept of one recording.
-
-        Parameters
-        ----------
-        source : str
-            Path as given.
-        recordings : sequence of Recording
-            Its topics; the sensors of one bag share its clock.
-
-        Raises
-        ------
-        RecordingError
-            If the plan's zones or steps are not in it.
-        """
+        """Return what is kept of one recording."""
 
 
 class NoisePlan(AnyPlan[RecordingResult]):
@@ -125,8 +94,8 @@ def _value(setting: Setting, text: str) -> Any:
     value: Any = text
     if setting.kind in ('bool', 'int', 'float'):
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
+            value = load(text)
+        except (yaml.YAMLError, ValueError):
             value = text
         if setting.kind == 'float' and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
@@ -136,3 +105,50 @@ def _value(setting: Setting, text: str) -> Any:
         return setting.check(value)
     except ConfigError as error:
         raise ConfigError(f'--set {setting.name}: {error}') from error
+
+
+Floats = npt.NDArray[np.float64]
+Sensor = TypeVar('Sensor', bound=Named)
+
+DRAWN = 2000
+"""Points of a line in a figure."""
+
+
+def place(recording: Recording) -> str:
+    """
+    Return how error texts name a recording.
+
+    A text file is its own only topic.
+    """
+    return f'{recording.source}, {recording.topic}'
+
+
+def seconds(recording: Recording, since_ns: int | None = None) -> Floats:
+    """Return the stamps of a recording in s since a time, its first sample by default."""
+    stamps = recording.samples.stamps
+    start = int(stamps[0]) if since_ns is None else since_ns
+    return np.asarray((stamps - start) * 1e-9, np.float64)
+
+
+def rate_of(recording: Recording) -> float:
+    """Return the true sample rate in Hz."""
+    try:
+        return 1.0 / time_grid.grid(recording.samples.stamps).period_s
+    except DataError as error:
+        raise RecordingError(f'{place(recording)}: {error}') from error
+
+
+def thinned(x: Floats, y: Floats, points: int = DRAWN) -> tuple[Floats, Floats]:
+    """Return means of equally many samples each, at most so many of them."""
+    size = -(-x.size // points)
+    count = x.size // size
+    first, second = (values[: count * size].reshape(count, size).mean(axis=1) for values in (x, y))
+    return first, second
+
+
+def named(measured: Sequence[Sensor], reference: str = '') -> list[tuple[str, Sensor]]:
+    """Return what was measured with short unique names of the sensors; the reference first."""
+    names = labels(measured)
+    if reference and reference not in names:
+        raise RecordingError(f'--reference {reference}: not among the sensors: {", ".join(names)}')
+    return sorted(zip(names, measured, strict=True), key=lambda pair: pair[0] != reference)

@@ -12,14 +12,14 @@ from typing import Any
 import weakref
 
 from imu_bench.errors import RecordingError
-from imu_bench.offline.mapped import release
 from imu_bench.offline.recordings import array_files
 from imu_bench.offline.recordings.array_files import Arrays
-from imu_bench.offline.recordings.columns import assign, Column, INERTIAL, recognise, VECTORS
+from imu_bench.offline.recordings.columns import assign, Assigned, INERTIAL, recognise
 from imu_bench.offline.recordings.layout import Layout
-from imu_bench.offline.recordings.options import ReadOptions
-from imu_bench.offline.recordings.source import Chunk, Source, Topic
+from imu_bench.offline.recordings.source import Chunk, ReadOptions, Source, Topic
 from imu_bench.offline.recordings.tables import chunk_of, DECIMALS, in_nanoseconds
+from imu_bench.offline.running.mapped import release
+from msg_conversions.quantities import BY_NAME, QUANTITIES
 import numpy as np
 import numpy.typing as npt
 
@@ -31,23 +31,13 @@ _RELEASED = 4 * _BLOCK
 
 _OURS = {
     'stamps': 'stamp [ns]',
-    'acceleration': 'linear_acceleration',
-    'angular_velocity': 'angular_velocity',
-    'magnetic_field': 'magnetic_field',
-    'temperature': 'temperature [°C]',
+    **{q.field: q.name if q.components else f'{q.name} [{q.unit}]' for q in QUANTITIES},
 }
 """Columns of `Samples`, which are in SI, and what they are called in other tables."""
 
 
 def open_arrays(path: Path, options: ReadOptions) -> Source:
-    """
-    Open arrays: one stream, named after the file or folder.
-
-    Raises
-    ------
-    RecordingError
-        If there are no numbers in columns, or their meaning, units or rate are not known.
-    """
+    """Open arrays: one stream, named after the file or folder."""
     unpacked: Path | None = None
     if path.is_dir():
         form = 'npy'
@@ -94,7 +84,7 @@ class _Reader:
         self,
         path: Path,
         columns: list[npt.NDArray[Any]],
-        meaning: list[Column],
+        meaning: list[Assigned],
         rate_hz: float | None,
     ) -> None:
         by_target = {column.target: column for column in meaning}
@@ -102,6 +92,7 @@ class _Reader:
         self._columns = columns
         self._stamp = by_target.pop('stamp', None)
         self._index = by_target.pop('index', None)
+        self._nanoseconds = by_target.pop('nanoseconds', None)
         self._used = list(by_target.values())
         # without a time column there is a rate: that was checked with the columns
         self._rate = rate_hz or 1.0
@@ -119,9 +110,10 @@ class _Reader:
         for start in range(0, size, _BLOCK):
             part = slice(start, min(start + _BLOCK, size))
             values = np.empty((part.stop - start, len(self._used)))
-            for place, column in enumerate(self._used):
-                values[:, place] = self._columns[column.index][part]
             with np.errstate(over='ignore', invalid='ignore'):
+                for place, column in enumerate(self._used):
+                    values[:, place] = self._columns[column.index][part]
+                values += [column.scale.offset for column in self._used]
                 values *= [column.scale.factor for column in self._used]
             try:
                 stamps = self._stamps(part)
@@ -148,6 +140,8 @@ class _Reader:
         if whole and factor == 10.0 ** (DECIMALS[unit] - 9):
             # float64 would cost the last digits of nanoseconds since 1970
             rounded = np.asarray(times.astype(np.int64) * 10 ** DECIMALS[unit], np.int64)
+        if self._nanoseconds is not None:
+            rounded = rounded + self._columns[self._nanoseconds.index][part].astype(np.int64)
         return rounded
 
 
@@ -188,16 +182,7 @@ def _named(arrays: Arrays) -> Arrays:
 
 
 def _split(name: str, array: npt.NDArray[Any]) -> Iterator[tuple[str, npt.NDArray[Any]]]:
-    """
-    Yield label and column for each column of an array; nothing if it holds no numbers.
-
-    Examples
-    --------
-    >>> [label for label, _ in _split('gyro', np.zeros((9, 3)))]
-    ['gyro_x', 'gyro_y', 'gyro_z']
-    >>> [label for label, _ in _split('log', np.zeros((9, 2)))]
-    ['log_1', 'log_2']
-    """
+    """Yield label and column for each column of an array; nothing if it holds no numbers."""
     if array.dtype.names is not None:
         for field in array.dtype.names:
             yield from _split(field, array[field])
@@ -210,9 +195,10 @@ def _split(name: str, array: npt.NDArray[Any]) -> Iterator[tuple[str, npt.NDArra
         yield name, array.reshape(-1)
         return
     three = array.shape[1] == len('xyz')
+    names = BY_NAME[name].columns if name in BY_NAME else ()
     for place, column in enumerate(array.T):
-        if name in VECTORS and three:
-            yield f'{name}.{"xyz"[place]}', column
+        if array.shape[1] == len(names):
+            yield names[place], column
         elif three and recognise(f'{name}_x') is not None:
             yield f'{name}_{"xyz"[place]}', column
         else:

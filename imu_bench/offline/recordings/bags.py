@@ -3,45 +3,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imu_bench.account import BENCH
 from imu_bench.bags.bag import Bag
 from imu_bench.bags.block import Channel, Storage
+from imu_bench.bags.problems import INCOMPLETE, Problem
 from imu_bench.bags.ros1 import Ros1File
-from imu_bench.errors import RecordingError
-from imu_bench.offline.recordings.bag_samples import report, samples
-from imu_bench.offline.recordings.source import Chunk, IMU_TYPES, Source, Topic
+from imu_bench.errors import NotReady, RecordingError
+from imu_bench.offline.recordings import definitions
+from imu_bench.offline.recordings.delivery import Heard, speaks
+from imu_bench.offline.recordings.source import Chunk, IMU_TYPES, READABLE, Source, Topic
+
+if TYPE_CHECKING:
+    from imu_bench.offline.recordings.nested import Nested
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from imu_bench.bags.block import Block
+from imu_bench.offline.recordings.decoding import decode
 
 if TYPE_CHECKING:
     from imu_bench.offline.recordings.nested import Nested
 
-READABLE = ('cdr', 'ros1')
-"""Serialization formats of ROS 2 and ROS 1; the second is found in mcap files too."""
-
 
 def open_ros1(path: Path, *, full: bool = False) -> Source:
-    """
-    Open a bag of ROS 1.
-
-    Raises
-    ------
-    RecordingError
-        If it is of a version before 2.0.
-    """
+    """Open a bag of ROS 1."""
     return _source(path, 'rosbag1', Ros1File(path), {}, full)
 
 
 def open_ros2(path: Path, *, full: bool = False) -> Source:
-    """
-    Open a bag of ROS 2, a folder or a single storage file.
-
-    Raises
-    ------
-    RecordingError
-        If it is no bag, or none of its messages is serialized in a known way.
-    """
+    """Open a bag of ROS 2, a folder or a single storage file."""
     bag = Bag(path)
     formats = {channel.serialization for channel in bag.channels}
     if formats and formats.isdisjoint(READABLE):
@@ -50,33 +45,52 @@ def open_ros2(path: Path, *, full: bool = False) -> Source:
             f'only {" and ".join(READABLE)} can be read'
         )
     announced = {} if bag.announcement is None else bag.announcement.counts
-    return _source(path, bag.format, bag, announced, full)
+    custom = {} if bag.announcement is None else bag.announcement.custom
+    bench = custom.get(BENCH, '').split()
+    return _source(path, bag.format, bag, announced, full, bench)
 
 
 def _source(
-    path: Path, kind: str, bag: Bag | Storage, announced: Mapping[str, int], full: bool
+    path: Path,
+    kind: str,
+    bag: Bag | Storage,
+    announced: Mapping[str, int],
+    full: bool,
+    bench: Sequence[str] = (),
 ) -> Source:
     topics: dict[str, Topic] = {}
+    described, files = definitions.from_files(path, bag.channels)
+    problems = [*bag.problems, *files]
     inside: dict[str, Nested] = {}
-    for channel in bag.channels:
+    for channel in (described.get(channel, channel) for channel in bag.channels):
         imu = channel.type in IMU_TYPES and channel.serialization in READABLE
         count = bag.counts[channel.topic]
         if imu or channel.topic not in topics:
             topics[channel.topic] = Topic(channel.topic, channel.type, count, imu)
+        if channel.type in IMU_TYPES and channel.serialization not in READABLE:
+            words = f'{channel.topic}: messages serialized as {channel.serialization} are left out'
+            report(problems, Problem(words, INCOMPLETE, channel.topic))
         # imported late: other recordings need no type system
         if _may_hold_imu(channel):
-            from imu_bench.offline.recordings import nested
-
+            try:
+                from imu_bench.offline.recordings import nested
+            except NotReady as error:
+                words = f'{channel.topic}: messages of {channel.type} are left out: {error}'
+                report(problems, Problem(words, INCOMPLETE, channel.topic))
+                continue
             for found in nested.find(channel):
                 inside[found.topic] = found
                 topics[found.topic] = Topic(found.topic, found.type, count, is_imu=True)
+    heard = Heard(path, bench)
     return Source(
         path=path,
         format=kind,
         topics=tuple(topics.values()),
-        reader=_Reader(bag, inside, full),
+        reader=_Reader(bag, inside, described, full, heard),
         announced=announced,
-        problems=list(bag.problems),
+        problems=problems,
+        heard=heard,
+        undefined=lambda: definitions.missing(set(bag.channels) - set(described)),
     )
 
 
@@ -88,9 +102,18 @@ def _may_hold_imu(channel: Channel) -> bool:
 class _Reader:
     stamps_from = 'header'
 
-    def __init__(self, bag: Bag | Storage, inside: Mapping[str, Nested], full: bool) -> None:
+    def __init__(
+        self,
+        bag: Bag | Storage,
+        inside: Mapping[str, Nested],
+        described: Mapping[Channel, Channel],
+        full: bool,
+        heard: Heard,
+    ) -> None:
         self._bag = bag
+        self._heard = heard
         self._inside = inside
+        self._described = described
         self._full = full
 
     def chunks(
@@ -99,12 +122,89 @@ class _Reader:
         before = self._bag.problems
         inside = [self._inside[topic.name] for topic in topics if topic.name in self._inside]
         names = {topic.name for topic in topics} | {found.channel.topic for found in inside}
-        yield from samples(self._bag.blocks(names), topics, inside, problems, self._full)
+        # in the same pass: they lie in the same chunks
+        names |= {channel.topic for channel in self._bag.channels if speaks(channel)}
+        blocks = map(self._with_definition, self._heard.without(self._bag.blocks(names)))
+        yield from samples(blocks, topics, inside, problems, self._full)
+        if self._heard.damaged:
+            words = f'{self._heard.damaged} messages of diagnostics are damaged and were left out'
+            report(problems, Problem(words, INCOMPLETE))
         now = self._bag.problems
         # counts of damaged places may have grown
         problems[:] = [line for line in problems if line not in before or line in now]
         for problem in now:
             report(problems, problem)
 
+    def _with_definition(self, block: Block) -> Block:
+        channel = self._described.get(block.channel)
+        return block if channel is None else replace(block, channel=channel)
+
     def close(self) -> None:
         self._bag.close()
+
+
+def samples(
+    blocks: Iterator[Block],
+    topics: Collection[Topic],
+    inside: Collection[Nested],
+    problems: list[str],
+    full: bool = False,
+) -> Iterator[tuple[str, Chunk]]:
+    """
+    Yield topic names and samples of raw blocks.
+
+    When the blocks end, what was odd about them is added to problems: messages that
+    are no Imu, and counts that differ from the number stored.
+    """
+    read: Counter[str] = Counter()
+    undecodable: Counter[str] = Counter()
+    wanted = {topic.name for topic in topics}
+    for block in blocks:
+        channel = block.channel
+        mine = [found for found in inside if found.channel == channel]
+        if channel.type not in IMU_TYPES and channel.topic in wanted:
+            words = f'{channel.topic}: messages of type {channel.type} are left out'
+            report(problems, Problem(words, INCOMPLETE, channel.topic))
+        if channel.serialization not in READABLE:
+            words = f'{channel.topic}: messages serialized as {channel.serialization} are left out'
+            report(problems, Problem(words, INCOMPLETE, channel.topic))
+            continue
+        if not len(block):
+            continue
+        parts = [(found.topic, decode(block, found.path, full=full)) for found in mine]
+        if channel.type in IMU_TYPES and channel.topic in wanted:
+            parts.append((channel.topic, decode(block, full=full)))
+        for name, found in parts:
+            read[name] += len(block)
+            undecodable[name] += found.undecodable
+            for remark in found.remarks:
+                report(problems, f'{name}: {remark}')
+            if len(found.chunk):
+                yield name, found.chunk
+    _compare(topics, read, undecodable, problems)
+
+
+def _compare(
+    topics: Collection[Topic],
+    read: Counter[str],
+    undecodable: Counter[str],
+    problems: list[str],
+) -> None:
+    for topic in topics:
+        if undecodable[topic.name]:
+            words = (
+                f'{topic.name}: {undecodable[topic.name]} messages are no complete Imu '
+                'and were left out'
+            )
+            report(problems, Problem(words, INCOMPLETE, topic.name))
+        if read[topic.name] != topic.count:
+            words = (
+                f'{topic.name}: {topic.count} messages are stored, {read[topic.name]} were read'
+            )
+            report(problems, Problem(words, INCOMPLETE, topic.name))
+
+
+def report(problems: list[str], problem: str) -> None:
+    """Add a problem unless it is known already."""
+    if problem not in problems:
+        problems.append(problem)

@@ -14,15 +14,16 @@ import shutil
 from tempfile import mkdtemp
 from typing import Any
 
-from imu_bench import __version__
 from imu_bench.bags.problems import code_of, Problem
 from imu_bench.errors import RecordingError
-from imu_bench.offline.mapped import attach, locate, Place, Shelf
-from imu_bench.offline.recordings.continuation import siblings
+from imu_bench.offline.recordings.delivery import Delivery, Stretch
+from imu_bench.offline.recordings.discovery import siblings
 from imu_bench.offline.recordings.loading import load_all, Progress, Recording, stored_bytes
 from imu_bench.offline.recordings.opening import open_source
-from imu_bench.offline.recordings.options import ReadOptions
+from imu_bench.offline.recordings.source import ReadOptions
+from imu_bench.offline.running.mapped import ArrayFolder, attach, locate, Place
 from imu_bench.samples import Samples
+from imu_bench.version import __version__
 import numpy as np
 
 LARGE = 8 << 20
@@ -31,31 +32,21 @@ LARGE = 8 << 20
 _MANY = 1 << 20
 """Samples from which they do so as well: what hardly changes takes few bytes, compressed."""
 
-SCHEMA = 'imu_bench.columns/3'
+SCHEMA = 'imu_bench.columns/6'
 _INDEX = 'columns.json'
-_FIELDS = ('acceleration', 'angular_velocity', 'magnetic_field', 'temperature', 'orientation')
 _PLAIN = (
     'source', 'topic', 'frame_id', 'announced', 'stored', 'left_out', 'stamp_source',
-    'stamp_reason', 'covariances',
+    'stamp_reason', 'covariances', 'serial',
 )  # fmt: skip
 _EDGE = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
 class Read:
-    """
-    What was read of a recording.
+    """What was read of a recording."""
 
-    Attributes
-    ----------
-    recordings : list of Recording
-        One per topic.
-    problems : list of str
-        What went wrong while it was opened and read.
-    """
-
-    recordings: list[Recording]
-    problems: list[str]
+    recordings: list[Recording]  # one per topic
+    problems: list[str]  # what went wrong while it was opened and read
 
 
 @contextmanager
@@ -71,21 +62,6 @@ def columns(
 
     The columns of a large recording lie in files; those are removed afterwards unless
     they are to be kept.
-
-    Parameters
-    ----------
-    path : Path
-        Of the recording.
-    options : ReadOptions
-    keep : Path, optional
-        Folder in which columns are kept, one folder for each recording.
-    progress : callable, optional
-        Called with (messages read, messages expected).
-
-    Raises
-    ------
-    RecordingError
-        As ``open_source``, ``Source.select`` and ``load_all``; or if the disk is full.
     """
     if not path.exists() or sum(map(stored_bytes, _files(path, options))) < LARGE:
         with open_source(path, options) as source:
@@ -150,9 +126,9 @@ def _make(folder: Path, path: Path, options: ReadOptions, progress: Progress | N
 
 
 def _fill(folder: Path, path: Path, options: ReadOptions, progress: Progress | None) -> None:
-    shelf = Shelf(folder)
+    arrays = ArrayFolder(folder)
     with open_source(path, options) as source:
-        found = load_all(source, source.select(options.topics), progress, shelf.empty)
+        found = load_all(source, source.select(options.topics), progress, arrays.empty)
         document: dict[str, Any] = {
             'schema': SCHEMA,
             'problems': list(map(_packed, source.problems)),
@@ -175,12 +151,13 @@ def _described(recording: Recording) -> dict[str, Any]:
     arrays = {
         'stamps': recording.samples.stamps,
         'receive_ns': recording.receive_ns,
-        **{name: getattr(recording.samples, name) for name in _FIELDS},
+        **recording.samples.columns,
     }
     places = {name: locate(array) for name, array in arrays.items() if array is not None}
     return {
         **{name: getattr(recording, name) for name in _PLAIN},
         'notes': list(map(_packed, recording.notes)),
+        'delivery': None if recording.delivery is None else asdict(recording.delivery),
         'columns': {
             name: {**place._asdict(), 'path': os.path.basename(place.path)}
             for name, place in places.items()
@@ -220,5 +197,13 @@ def _recording(folder: Path, described: Mapping[str, Any]) -> Recording:
         samples=Samples(**arrays),
         receive_ns=receive,
         notes=tuple(Problem(*packed) for packed in described['notes']),
+        delivery=_delivery(described['delivery']),
         **{name: described[name] for name in _PLAIN},
     )
+
+
+def _delivery(described: Mapping[str, Any] | None) -> Delivery | None:
+    if described is None:
+        return None
+    worst = tuple(Stretch(*stretch) for stretch in described['worst'])
+    return Delivery(**{**described, 'worst': worst})

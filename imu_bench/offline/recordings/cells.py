@@ -6,10 +6,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import io
+import os
 from pathlib import Path
 import re
 
 from imu_bench.errors import RecordingError
+from imu_bench.offline.recordings import spelling
 from imu_bench.offline.recordings.layout import is_number, Layout, split
 import numpy as np
 import numpy.typing as npt
@@ -21,28 +23,14 @@ _MAX_NS = 9.2e18
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """
-    Rows of a table.
+    """Rows of a table."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n, columns)
-        Wanted columns; an empty cell is NaN.
-    stamps : ndarray of bytes, shape (n,), or None
-        Cells of the time column as written.
-    places : ndarray of int64, shape (n,)
-        Which of the lines, blank ones not counted, each row was.
-    lines : int
-        Number of lines, blank ones not counted.
-    bad : tuple of int
-        Numbers, within the table, of lines that are no rows.
-    """
-
-    values: npt.NDArray[np.float64]
-    stamps: npt.NDArray[np.bytes_] | None
+    values: npt.NDArray[np.float64]  # wanted columns; an empty cell is NaN
+    stamps: npt.NDArray[np.bytes_] | None  # cells of the time column as written
+    # which of the samples each row was: damaged rows count, blank lines and remarks do not
     places: npt.NDArray[np.int64]
-    lines: int
-    bad: tuple[int, ...]
+    lines: int  # number of samples, those of damaged rows counted
+    bad: tuple[int, ...]  # numbers, within the table, of lines that are no rows
 
 
 def blocks(path: Path, start: int) -> Iterator[bytes]:
@@ -62,32 +50,18 @@ def blocks(path: Path, start: int) -> Iterator[bytes]:
             yield rest + b'\n'
 
 
+def ends_with_line(path: Path) -> bool:
+    """Return whether the last line of a file has a line end, as those before it have."""
+    with path.open('rb') as file:
+        file.seek(-min(1, path.stat().st_size), os.SEEK_END)
+        return file.read() in (b'\n', b'\r', b'')
+
+
 def parse(
     block: bytes, layout: Layout, wanted: Sequence[int], stamp: int | None, first_line: int = 0
 ) -> Rows:
-    r"""
-    Return the wanted columns of some lines.
-
-    Parameters
-    ----------
-    block : bytes
-        Complete lines.
-    layout : Layout
-    wanted : sequence of int
-        Columns that become numbers.
-    stamp : int or None
-        Column that is kept as text, so that no digit of a long stamp is lost.
-    first_line : int
-        Lines of the table before the block.
-
-    Examples
-    --------
-    >>> layout = Layout(',', 3, (), 0, (True,) * 3)
-    >>> rows = parse(b'0.1,1,\nxx\n0.2,3,4\n', layout, [1, 2], 0)
-    >>> rows.values.tolist(), rows.stamps.tolist(), rows.bad
-    ([[1.0, nan], [3.0, 4.0]], [b'0.1', b'0.2'], (1,))
-    """
-    lines = block.replace(b'\r\n', b'\n')
+    """Return the wanted columns of some lines."""
+    lines = spelling.plain(block, layout.spelled).replace(b'\r\n', b'\n')
     if layout.decimal_comma:
         lines = lines.replace(b',', b'.')
     if _regular(lines, layout):
@@ -99,25 +73,7 @@ def parse(
 
 
 def nanoseconds(cells: npt.NDArray[np.bytes_], digits: int) -> npt.NDArray[np.int64]:
-    """
-    Return decimal numbers times a power of ten, exact to the last digit.
-
-    Parameters
-    ----------
-    cells : ndarray of bytes, shape (n,)
-    digits : int
-        The power of ten: 9 for cells in seconds, 0 for nanoseconds.
-
-    Raises
-    ------
-    RecordingError
-        If a cell is not a number or does not fit 64 bits.
-
-    Examples
-    --------
-    >>> nanoseconds(np.array([b'1700000000.123456789', b'0.5', b'-2.000000001']), 9).tolist()
-    [1700000000123456789, 500000000, -2000000001]
-    """
+    """Return decimal numbers times a power of ten, exact to the last digit."""
     try:
         rough = cells.astype(np.float64) * 10.0**digits
     except ValueError as problem:
@@ -150,10 +106,20 @@ def _regular(lines: bytes, layout: Layout) -> bool:
     """Return whether the lines look like rows and nothing else."""
     if b'"' in lines or b'\n\n' in lines or lines.startswith(b'\n'):
         return False
+    # the reader of numbers looks at the wanted columns only, whatever else a line has or lacks
+    characters = np.frombuffer(lines, np.uint8)
+    ends = np.flatnonzero(characters == ord('\n'))
     if layout.delimiter == ' ':
-        return True
-    delimiters = lines.count(layout.delimiter.encode())
-    return delimiters == lines.count(b'\n') * (layout.width - 1)
+        gap = (characters == ord(' ')) | (characters == ord('\t'))
+        gap[ends] = True
+        marks = ~gap
+        marks[1:] &= gap[:-1]  # where a cell begins
+        wanted = layout.width
+    else:
+        marks = characters == ord(layout.delimiter)
+        wanted = layout.width - 1
+    in_line = np.add.reduceat(marks, np.append(0, ends[:-1] + 1), dtype=np.int64)
+    return bool((in_line == wanted).all())
 
 
 def _fast(lines: bytes, layout: Layout, wanted: Sequence[int], stamp: int | None) -> Rows:
@@ -209,6 +175,8 @@ def _slow(
         fits = bool(numbers) and all(not cell or is_number(cell) for cell in numbers)
         if not fits or (stamp is not None and not is_number(fields[stamp])):
             bad.append(first_line + number)
+            # a damaged row was a sample; a date or a remark between rows was none
+            count -= len(fields) != layout.width and not all(map(is_number, filter(None, fields)))
             continue
         values.append([float(cell) if cell else np.nan for cell in numbers])
         places.append(count - 1)

@@ -3,19 +3,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import re
 
 from imu_bench import units
 from imu_bench.errors import RecordingError, UnitError
+from msg_conversions.quantities import QUANTITIES
 
 SI = {
     'stamp': 's',
     'index': '1',
-    'linear_acceleration': 'm/s²',
-    'angular_velocity': 'rad/s',
-    'magnetic_field': 'T',
-    'temperature': '°C',
+    'nanoseconds': 's',
+    **{quantity.name: quantity.unit for quantity in QUANTITIES},
 }
 """SI unit by quantity; the bench's own for the temperature."""
 
@@ -25,9 +24,14 @@ EXAMPLES = {
     'angular_velocity': 'angular_velocity=deg/s/131',
     'magnetic_field': 'magnetic_field=uT',
     'temperature': 'temperature=degC',
+    'inclination': 'inclination=deg',
+    'orientation': 'orientation=1',
 }
 
 _SCALED = re.compile(r'^(?P<unit>.+?)(?P<sign>[/*])(?P<number>\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)$')
+_OFFSET = re.compile(r'^\(\s*counts?\s*(?P<offset>[+-]\s*\d+(?:\.\d*)?)\s*\)\s*\*\s*(?P<unit>.+)$')
+"""As of an analog converter whose zero is half of its range: (count-32768)*g/16384."""
+
 _RESPELLED = (
     ('m s^-2', 'm/s²'),
     ('m s-2', 'm/s²'),
@@ -44,35 +48,15 @@ _RESPELLED = (
 
 @dataclass(frozen=True)
 class Scale:
-    """
-    How the numbers of a column become SI.
+    """How the numbers of a column become SI."""
 
-    Attributes
-    ----------
-    unit : str
-        As the bench spells it.
-    factor : float
-        SI per number in the file.
-    """
-
-    unit: str
-    factor: float
+    unit: str  # as the bench spells it
+    factor: float  # SI per number in the file
+    offset: float = 0.0  # to be added to the number before
 
 
 def parse_units(text: str | None) -> dict[str, str]:
-    """
-    Return unit by name from ``name=unit,name=unit``; ``SI`` alone names every quantity.
-
-    Raises
-    ------
-    RecordingError
-        If the text is not of this form.
-
-    Examples
-    --------
-    >>> parse_units('linear_acceleration=g/16384,angular_velocity=deg/s')
-    {'linear_acceleration': 'g/16384', 'angular_velocity': 'deg/s'}
-    """
+    """Return unit by name from ``name=unit,name=unit``; ``SI`` alone names every quantity."""
     if text is None:
         return {}
     if text.strip().upper() == 'SI':
@@ -92,28 +76,10 @@ def parse_units(text: str | None) -> dict[str, str]:
 
 
 def scale(quantity: str, text: str) -> Scale:
-    """
-    Return how numbers in a unit become SI.
-
-    Parameters
-    ----------
-    quantity : str
-        A key of ``SI``.
-    text : str
-        A unit, optionally divided by counts per unit or multiplied by units per count.
-
-    Raises
-    ------
-    RecordingError
-        If the unit is unknown or does not measure the quantity.
-
-    Examples
-    --------
-    >>> scale('linear_acceleration', 'g/16384').factor * 16384
-    9.80665
-    >>> scale('angular_velocity', 'rad/s')
-    Scale(unit='rad/s', factor=1.0)
-    """
+    """Return how numbers in a unit become SI."""
+    if shifted := _OFFSET.match(text):
+        offset = float(shifted['offset'].replace(' ', ''))
+        return replace(scale(quantity, shifted['unit']), offset=offset)
     match = _SCALED.match(text)
     number = float(match['number']) if match else 1.0
     unit = match['unit'] if match else text

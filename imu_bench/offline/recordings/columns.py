@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 import re
 
@@ -12,24 +12,24 @@ from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings import column_units
 from imu_bench.offline.recordings.column_units import Scale, SI
 from imu_bench.offline.recordings.layout import Layout
-from imu_bench.offline.recordings.options import ReadOptions
+from imu_bench.offline.recordings.source import ReadOptions
+from msg_conversions.quantities import BY_NAME, IMU_QUANTITIES, QUANTITIES
 
-VECTORS = ('linear_acceleration', 'angular_velocity', 'magnetic_field')
-INERTIAL = VECTORS[:2]
+INERTIAL = tuple(quantity.name for quantity in IMU_QUANTITIES)
 TARGETS = (
-    *(f'{vector}.{axis}' for vector in VECTORS for axis in 'xyz'),
-    'temperature',
+    *(column for quantity in QUANTITIES for column in quantity.columns),
     'stamp',
+    'nanoseconds',
     'index',
 )
 """What a column can be."""
 
-_OPTIONAL = ('magnetic_field', 'temperature')
 _NATIVE, _UNIT_NAMED, _ALIAS = range(3)
 
 _BRACKETED = re.compile(r'^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*$')
 _NATIVE_NAME = re.compile(
-    r'^(?:.*[./])?(?P<vector>linear_acceleration|angular_velocity|magnetic_field)[./](?P<axis>[xyz])$'
+    rf'^(?:.*[./])?(?P<vector>{"|".join(q.name for q in QUANTITIES if q.components)})'
+    r'[./](?P<axis>[xyzw])$'
 )
 _HEADER_STAMP = re.compile(r'^field\.header\.stamp$')
 _STEMS = {
@@ -50,6 +50,10 @@ _STAMP = re.compile(
     r'^(?:relative_|elapsed_|unix_|epoch_)?(?:stamp|time_?stamp|time|t|seconds|sec)'
     r'(?:_(?P<unit>s|sec|ms|us|ns))?$'
 )
+_SECONDS = ('sec', 'secs', 'seconds', 's')
+_NANOSECONDS = re.compile(r'^(?P<stem>.*?)_?(?:nano_?sec(?:ond)?s?|nsecs?|nanos)$')
+"""The second part of a stamp in two columns, as messages of ROS have it."""
+
 _INDEX = re.compile(
     r'^(?:index|idx|sample|n_samples|sample_?(?:no|number|index|counter)|counter)$'
 )
@@ -70,7 +74,7 @@ _QUANTITY_NAMES = {
 
 
 @dataclass(frozen=True)
-class Column:
+class Assigned:
     """A column that is used: its place in the file, what it is, how it becomes SI."""
 
     index: int
@@ -96,18 +100,14 @@ class _Found:
         return self.target.partition('.')[0]
 
 
-def assign(path: Path, layout: Layout, options: ReadOptions) -> tuple[list[Column], list[str]]:
-    """
-    Return the columns to read, and notes on columns that are not.
-
-    Raises
-    ------
-    RecordingError
-        If no acceleration or angular velocity is recognised, a named column does not
-        exist, two columns claim one axis, a unit is missing or unusable, or there is
-        neither a time column nor a rate.
-    """
-    found = _chosen(path, layout, options)
+def assign(path: Path, layout: Layout, options: ReadOptions) -> tuple[list[Assigned], list[str]]:
+    """Return the columns to read, and notes on columns that are not."""
+    found = [
+        replace(column, unit='s')
+        if column.target == 'stamp' and _dated(column, layout)
+        else column
+        for column in _chosen(path, layout, options)
+    ]
     found = _unambiguous(path, found)
     if not any(column.quantity in INERTIAL for column in found):
         raise RecordingError(
@@ -139,17 +139,11 @@ def assign(path: Path, layout: Layout, options: ReadOptions) -> tuple[list[Colum
 
 
 def recognise(name: str) -> tuple[str, str, int] | None:
-    """
-    Return what a column name means: target, unit it carries, and how sure that is.
-
-    Examples
-    --------
-    >>> recognise('linear_acceleration.x'), recognise('GyrZ [deg/s]'), recognise('pressure')
-    (('linear_acceleration.x', 'm/s²', 0), ('angular_velocity.z', 'deg/s', 1), None)
-    """
+    """Return what a column name means: target, unit it carries, and how sure that is."""
     match = _BRACKETED.match(name)
     bare, unit = (match['name'], match['unit']) if match else (name, '')
-    if native := _NATIVE_NAME.match(bare.lower()):
+    native = _NATIVE_NAME.match(bare.lower())
+    if native and native['axis'] in BY_NAME[native['vector']].components:
         vector = native['vector']
         own = column_units.named_unit(vector, unit) if unit else None
         return f'{vector}.{native["axis"]}', own or SI[vector], _NATIVE
@@ -184,6 +178,10 @@ def _chosen(path: Path, layout: Layout, options: ReadOptions) -> list[_Found]:
     for index, name in enumerate(names):
         if (meaning := recognise(name) or _said_by_file(path, name)) is not None:
             own.append(_Found(index, name, *meaning))
+    own = _of_two_parts(names, own)
+    if layout.moment >= 0:
+        own = [column for column in own if column.target != 'stamp']
+        own.append(_Found(layout.moment, names[layout.moment], 'stamp', 's', _NATIVE))
     if options.columns is None:
         return own
     parts = [part.strip() for part in options.columns.split(',')]
@@ -197,15 +195,30 @@ def _chosen(path: Path, layout: Layout, options: ReadOptions) -> list[_Found]:
     return [column for column in pairs + rest if column.index not in dropped]
 
 
-def _said_by_file(path: Path, name: str) -> tuple[str, str, int] | None:
-    """
-    Return the meaning of a column x, y or z in a file that is named after one sensor.
+def _dated(column: _Found, layout: Layout) -> bool:
+    """Return whether a column holds dates; where they are in two columns, both do."""
+    return layout.moment >= 0 and 0 <= column.index - layout.moment <= 1
 
-    Examples
-    --------
-    >>> _said_by_file(Path('Gyroscope.csv'), 'z'), _said_by_file(Path('log.csv'), 'z')
-    (('angular_velocity.z', '', 2), None)
-    """
+
+def _of_two_parts(names: Sequence[str], own: list[_Found]) -> list[_Found]:
+    """Return columns with a stamp of seconds and nanoseconds, if two names say so."""
+    plain = [re.sub(r'[^a-z0-9]+', '_', name.lower()).strip('_') for name in names]
+    for index, name in enumerate(plain):
+        match = _NANOSECONDS.match(name)
+        wanted = [f'{match["stem"]}_{s}'.strip('_') for s in _SECONDS] if match else []
+        first = next((k for k, other in enumerate(plain) if other in wanted), None)
+        if first is not None:
+            rest = [c for c in own if c.target != 'stamp' and c.index not in (first, index)]
+            return [
+                *rest,
+                _Found(first, names[first], 'stamp', 's', _NATIVE),
+                _Found(index, names[index], 'nanoseconds', 'ns', _NATIVE),
+            ]
+    return own
+
+
+def _said_by_file(path: Path, name: str) -> tuple[str, str, int] | None:
+    """Return the meaning of a column x, y or z in a file that is named after one sensor."""
     words = set(_FILE_WORD.findall(path.stem.lower()))
     if len(words) != 1 or name.lower() not in ('x', 'y', 'z'):
         return None
@@ -264,7 +277,7 @@ def _pair(path: Path, layout: Layout, part: str) -> _Found:
 def _named_target(name: str) -> tuple[str, str, int]:
     """Return what the user calls a column; a name alone does not make its unit SI."""
     if name in TARGETS:
-        return name, '1' if name == 'index' else '', _NATIVE
+        return name, {'index': '1', 'nanoseconds': 'ns'}.get(name, ''), _NATIVE
     meaning = recognise(name)
     if meaning is None:
         raise RecordingError(f'--columns: unknown name {name!r}; known are {", ".join(TARGETS)}')
@@ -289,18 +302,20 @@ def _unambiguous(path: Path, found: list[_Found]) -> list[_Found]:
 
 def _scaled(
     found: list[_Found], options: ReadOptions
-) -> tuple[list[Column], list[str], list[str]]:
+) -> tuple[list[Assigned], list[str], list[str]]:
     """Return columns with known units, notes on those left out, and what lacks a unit."""
     given = _given_units(found, options)
     columns, notes, lacking = [], [], []
     for column in found:
         keys = (column.target, column.label, column.quantity)
         unit = next((given[key] for key in keys if key in given), column.unit)
+        if column.target == 'nanoseconds':
+            unit = column.unit
         if unit:
             columns.append(
-                Column(column.index, column.target, column_units.scale(column.quantity, unit))
+                Assigned(column.index, column.target, column_units.scale(column.quantity, unit))
             )
-        elif column.quantity in _OPTIONAL:
+        elif column.quantity in BY_NAME and column.quantity not in INERTIAL:
             notes.append(
                 f'column {column.label!r} is not used: its unit is not known; '
                 f'add {column_units.EXAMPLES[column.quantity]} to --units'

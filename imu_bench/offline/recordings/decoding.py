@@ -9,6 +9,7 @@ from typing import NamedTuple, TypeVar
 
 from imu_bench.bags.block import Block
 from imu_bench.offline.recordings.source import Chunk, Covariance
+from imu_bench.samples import Samples
 from msg_conversions import cdr, covariance
 import numpy as np
 import numpy.typing as npt
@@ -37,15 +38,18 @@ def decode(block: Block, path: str = '', *, full: bool = False) -> Decoded:
     Messages that cannot be decoded are counted and left out.  With `full`, orientation and
     covariances are there, too.
     """
+    outer_ns = None
     if path:
-        decoded, receive_ns = _inside(block, path, full)
+        from imu_bench.offline.recordings import nested  # brings a type system along
+
+        decoded, kept, outer_ns = nested.decode(block, path, full=full)
+        receive_ns = block.receive_ns[kept]
     else:
         imu_at = _ros1_imu if block.channel.serialization == 'ros1' else cdr.decode_imu_at
-        decoded, receive_ns = _whole(block, partial(imu_at, full=full))
+        decoded, receive_ns = _whole(block, partial(imu_at, full=full), cdr.IMU)
     remarks: list[str] = []
-    chunk = Chunk(
-        stamps=decoded.stamps,
-        receive_ns=receive_ns,
+    samples = Samples(
+        decoded.stamps,
         acceleration=_reported(
             'linear_acceleration', decoded.acceleration, decoded.acceleration_covariance, remarks
         ),
@@ -56,9 +60,9 @@ def decode(block: Block, path: str = '', *, full: bool = False) -> Decoded:
             remarks,
         ),
         orientation=decoded.orientation,
-        frame_ids=decoded.frame_ids,
-        covariances=() if decoded.covariances is None else constant(decoded.covariances, 9),
     )
+    covariances = () if decoded.covariances is None else constant(decoded.covariances, 9)
+    chunk = Chunk(samples, receive_ns, outer_ns, decoded.frame_ids, covariances)
     return Decoded(chunk, len(block) - len(chunk), tuple(remarks))
 
 
@@ -69,19 +73,12 @@ def decode_numbers(block: Block, count: int) -> tuple[cdr.Stamped, Integers]:
     Messages that cannot be decoded are left out.
     """
     if block.channel.serialization == 'ros1':
-        return _whole(block, partial(_ros1_numbers, count=count))
-    return _whole(block, partial(_cdr_numbers, count=count))
+        return _whole(block, partial(_ros1_numbers, count=count), count)
+    return _whole(block, partial(_cdr_numbers, count=count), count)
 
 
 def constant(rows: npt.NDArray[np.float64], width: int) -> tuple[Covariance, ...]:
-    """
-    Return so many columns of a table after the other, each as a row, None if rows differ.
-
-    Examples
-    --------
-    >>> constant(np.array([[1.0, 2.0], [1.0, 3.0]]), 1)
-    ((1.0,), None)
-    """
+    """Return so many columns of a table after the other, each as a row, None if rows differ."""
     bits = np.ascontiguousarray(rows).view(np.int64)  # NaN equals itself
     return tuple(
         tuple(rows[0, start : start + width].tolist())
@@ -91,28 +88,22 @@ def constant(rows: npt.NDArray[np.float64], width: int) -> tuple[Covariance, ...
     )
 
 
-def _inside(block: Block, path: str, full: bool) -> tuple[cdr.ImuBlock, Integers]:
-    from imu_bench.offline.recordings import nested  # brings a type system along
-
-    decoded, kept = nested.decode(block, path, full=full)
-    return decoded, block.receive_ns[kept]
-
-
-def _whole(block: Block, decode_at: DecodeAt[Found]) -> tuple[Found, Integers]:
+def _whole(block: Block, decode_at: DecodeAt[Found], numbers: int) -> tuple[Found, Integers]:
+    """Return the messages that can be decoded, of so many numbers each, and when they arrived."""
     offsets, sizes, receive_ns = block.offsets, block.sizes, block.receive_ns
     try:
         decoded = decode_at(block.buffer, offsets, sizes)
     except ValueError:
-        kept = _decodable(block, decode_at)
+        kept = _decodable(block, decode_at, 8 * numbers)
         offsets, sizes, receive_ns = offsets[kept], sizes[kept], receive_ns[kept]
         decoded = decode_at(block.buffer, offsets, sizes)
     return decoded, receive_ns
 
 
-def _decodable(block: Block, decode_at: DecodeAt[Found]) -> Integers:
-    """Return the indexes of the messages that are complete."""
+def _decodable(block: Block, decode_at: DecodeAt[Found], least: int) -> Integers:
+    """Return the indexes of the messages that are complete, none of fewer bytes than least."""
     kept = []
-    for index in range(len(block)):
+    for index in np.flatnonzero(block.sizes >= least).tolist():
         one = slice(index, index + 1)
         try:
             decode_at(block.buffer, block.offsets[one], block.sizes[one])
@@ -157,14 +148,7 @@ def _ros1_imu(
 def _ros1_numbers(
     buffer: bytes | memoryview, offsets: Integers, sizes: Integers, count: int
 ) -> cdr.Stamped:
-    """
-    Decode messages as ROS 1 serializes them: little-endian, without padding.
-
-    Raises
-    ------
-    ValueError
-        If a message is not a header and so many numbers.
-    """
+    """Decode messages as ROS 1 serializes them: little-endian, without padding."""
     data = np.frombuffer(buffer, np.uint8)
     stamps = np.empty(sizes.size, np.int64)
     values = np.empty((sizes.size, count))

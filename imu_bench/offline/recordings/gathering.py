@@ -7,21 +7,12 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from imu_bench.offline.recordings.source import Chunk, Covariance
+from msg_conversions.quantities import BY_FIELD
 import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
-
-QUANTITIES = {
-    'acceleration': 3,
-    'angular_velocity': 3,
-    'magnetic_field': 3,
-    'temperature': 1,
-    'inclination': 3,
-    'orientation': 4,
-}
-"""Number of columns of each quantity."""
 
 PIECE = 1 << 20
 """Samples looked at together where a whole column would be too many."""
@@ -30,14 +21,7 @@ _GROWTH = 2
 
 
 def agreed(first: Sequence[Covariance], second: Sequence[Covariance]) -> tuple[Covariance, ...]:
-    """
-    Return what two runs of messages have in common.
-
-    Examples
-    --------
-    >>> agreed([(1.0,), (2.0,)], [(1.0,), (3.0,)])
-    ((1.0,), None)
-    """
+    """Return what two runs of messages have in common."""
     return tuple(
         one if one is not None and repr(one) == repr(other) else None  # NaN equals itself, too
         for one, other in zip(first, second, strict=True)
@@ -55,58 +39,34 @@ class Gathered:
     Columns that grow chunk by chunk.
 
     Each column lies in one piece, so that an axis is read without the others.
-
-    Parameters
-    ----------
-    expected : int
-        Samples that will come; a guess costs memory or time, no more.
-    allocate : callable
-        Gives the arrays.
-
-    Attributes
-    ----------
-    size : int
-        Samples so far.
-    frame_ids : tuple of str
-        Each that occurs.
-    covariances : tuple of Covariance
-        What the chunks agree on.
-
-    Examples
-    --------
-    >>> gathered = Gathered(2)
-    >>> gathered.add(Chunk(np.array([1]), temperature=np.array([20.0])))
-    >>> gathered.add(Chunk(np.array([2, 3])))
-    >>> gathered.stamps.tolist(), gathered.column('temperature').tolist()
-    ([1, 2, 3], [20.0, nan, nan])
     """
 
     def __init__(self, expected: int, allocate: Allocate = np.empty) -> None:
-        self.size = 0
+        self.size = 0  # samples so far
         self._allocate = allocate
         self._room = max(1, expected)
         self._times: dict[str, Integers] = {}
         self._columns: dict[str, Floats] = {}
-        self._without_receive = False
+        self._without: set[str] = set()
         self._frame_ids: dict[str, None] = {}
-        self.covariances: tuple[Covariance, ...] = ()
+        self.covariances: tuple[Covariance, ...] = ()  # what the chunks agree on
 
     def add(self, chunk: Chunk) -> None:
         """Append a chunk; quantities that it does not have become NaN."""
         start, end = self.size, self.size + len(chunk)
         if end > self._room:
             self._grow(max(end, _GROWTH * self._room))
-        self._time('stamps')[start:end] = chunk.stamps
-        if chunk.receive_ns is None:
-            self._without_receive = True
-        else:
-            self._time('receive')[start:end] = chunk.receive_ns
-        for name in QUANTITIES:
-            values = getattr(chunk, name)
-            if values is not None:
-                self._column(name)[:, start:end] = values.reshape(end - start, -1).T
-            elif name in self._columns:
-                self._columns[name][:, start:end] = np.nan
+        self._time('stamps')[start:end] = chunk.samples.stamps
+        for name, times in (('receive', chunk.receive_ns), ('outer', chunk.outer_ns)):
+            if times is None:
+                self._without.add(name)
+            elif name not in self._without:
+                self._time(name)[start:end] = times
+        found = chunk.samples.columns
+        for name, values in found.items():
+            self._column(name)[:, start:end] = values.reshape(end - start, -1).T
+        for name in self._columns.keys() - found.keys():
+            self._columns[name][:, start:end] = np.nan
         self._frame_ids.update(dict.fromkeys(chunk.frame_ids))
         self.covariances = (
             agreed(self.covariances, chunk.covariances) if start else chunk.covariances
@@ -126,14 +86,19 @@ class Gathered:
     @property
     def receive_ns(self) -> Integers | None:
         """Times of arrival, shape (n,); None unless every chunk had them."""
-        return None if self._without_receive else self._time('receive')[: self.size]
+        return None if 'receive' in self._without else self._time('receive')[: self.size]
+
+    @property
+    def outer_ns(self) -> Integers | None:
+        """Stamps of the headers around the messages; None unless every chunk had them."""
+        return None if 'outer' in self._without else self._time('outer')[: self.size]
 
     def column(self, name: str) -> Floats | None:
         """Return one quantity, shape (n, 3) or (n,); None if no chunk had it."""
         if name not in self._columns:
             return None
         rows = self._columns[name][:, : self.size]
-        return rows[0] if QUANTITIES[name] == 1 else rows.T
+        return rows.T if BY_FIELD[name].components else rows[0]
 
     def keep(self, good: npt.NDArray[np.bool_]) -> None:
         """Leave out the samples that are not good."""
@@ -155,7 +120,7 @@ class Gathered:
 
     def _column(self, name: str) -> Floats:
         if name not in self._columns:
-            rows = self._allocate((QUANTITIES[name], self._room), np.float64)
+            rows = self._allocate((len(BY_FIELD[name].columns), self._room), np.float64)
             rows[:, : self.size] = np.nan
             self._columns[name] = rows
         return self._columns[name]

@@ -9,6 +9,7 @@ from pathlib import Path
 import re
 
 from imu_bench.errors import RecordingError
+from imu_bench.offline.recordings import spelling
 
 SAMPLE = 1 << 18
 """Bytes at the beginning of a file in which its layout must show."""
@@ -30,48 +31,23 @@ _RATE_LINE = re.compile(
 
 @dataclass(frozen=True)
 class Layout:
-    """
-    Layout of a table in a text file.
+    """Layout of a table in a text file."""
 
-    Attributes
-    ----------
-    delimiter : str
-        ',', ';', tab, or a blank for any run of blanks.
-    width : int
-        Number of columns.
-    header : tuple of str
-        Names of the columns as written; empty without a header.
-    start : int
-        Byte at which the first row begins.
-    numeric : tuple of bool
-        Which columns hold numbers.
-    filled : tuple of float
-        Share of the rows in which each column is not empty.
-    decimal_comma : bool
-        Whether numbers are written 9,81.
-    stated_rate : str
-        Sample rate that a line before the table mentions, in Hz; '' if none does.
-    """
-
-    delimiter: str
-    width: int
-    header: tuple[str, ...]
-    start: int
-    numeric: tuple[bool, ...]
-    filled: tuple[float, ...] = ()
-    decimal_comma: bool = False
+    delimiter: str  # ',', ';', tab, or a blank for any run of blanks
+    width: int  # number of columns
+    header: tuple[str, ...]  # names of the columns as written; empty without a header
+    start: int  # byte at which the first row begins
+    numeric: tuple[bool, ...]  # which columns hold numbers
+    filled: tuple[float, ...] = ()  # share of the rows in which each column is not empty
+    decimal_comma: bool = False  # whether numbers are written 9,81
+    # sample rate that a line before the table mentions, in Hz; '' if none does
     stated_rate: str = ''
+    spelled: str = ''  # how its lines are spelled, as `spelling.spelled` names it
+    moment: int = -1  # column that holds dates, -1 if none does
 
 
 def detect(path: Path) -> Layout:
-    """
-    Return the layout of a text file.
-
-    Raises
-    ------
-    RecordingError
-        If the file holds no table of numbers.
-    """
+    """Return the layout of a text file."""
     with path.open('rb') as file:
         sample = file.read(SAMPLE)
     layout = detect_in(sample)
@@ -85,22 +61,18 @@ def detect(path: Path) -> Layout:
 
 
 def detect_in(sample: bytes) -> Layout | None:
-    r"""
-    Return the layout of the text that begins with these bytes, None if there is no table.
-
-    Examples
-    --------
-    >>> layout = detect_in(b'Fs,100\nax,ay,az\n1,2,3\n4,5,6\n')
-    >>> layout.delimiter, layout.header, layout.start, layout.stated_rate
-    (',', ('ax', 'ay', 'az'), 16, '100')
-    """
+    """Return the layout of the text that begins with these bytes, None if there is no table."""
     if b'\0' in sample:
         return None
     whole = sample.endswith(b'\n') or len(sample) < SAMPLE
-    lines = sample.removeprefix(_UTF8_MARK).split(b'\n')
+    how = spelling.spelled(sample)
+    written = sample.removeprefix(_UTF8_MARK)
+    # as many lines as are written, and no plain row is changed
+    lines, rows = written.split(b'\n'), spelling.plain(written, how).split(b'\n')
     if not whole and len(lines) > 1:
         lines.pop()
-    text = [line.decode('utf-8', 'replace').rstrip('\r') for line in lines[:_MAX_LINES]]
+        rows.pop()
+    text = [line.decode('utf-8', 'replace').rstrip('\r') for line in rows[:_MAX_LINES]]
     tables = [table for delimiter in _DELIMITERS if (table := _table(text, delimiter)) is not None]
     if not tables:
         return None
@@ -118,6 +90,8 @@ def detect_in(sample: bytes) -> Layout | None:
         filled=filled,
         decimal_comma=comma,
         stated_rate=_stated_rate(text[:first]),
+        spelled=how,
+        moment=spelling.column_of_date(lines[first], delimiter) if how == spelling.DATES else -1,
     )
 
 

@@ -3,18 +3,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from imu_bench.bags.problems import COUNTS, INCOMPLETE, Problem, STAMPS
+from imu_bench.bags.problems import (
+    code_of,
+    COUNTS,
+    FOREIGN,
+    INCOMPLETE,
+    Problem,
+    PUBLISHERS,
+    SIMULATED,
+    STAMPS,
+)
+from imu_bench.counting import listed
 from imu_bench.errors import RecordingError
-from imu_bench.offline.recordings.finite import sift
-from imu_bench.offline.recordings.gathering import Allocate, Gathered, QUANTITIES
-from imu_bench.offline.recordings.options import ReadOptions
-from imu_bench.offline.recordings.source import Chunk, Covariance, Source, Topic
-from imu_bench.offline.recordings.stamps import check_span, choose
+from imu_bench.offline.recordings import simulated
+from imu_bench.offline.recordings.delivery import Delivery
+from imu_bench.offline.recordings.gathering import Allocate, Gathered
+from imu_bench.offline.recordings.sifting import check_span, choose, OUTER, sift
+from imu_bench.offline.recordings.source import Covariance, Source, Topic
 from imu_bench.samples import Samples
+from msg_conversions.quantities import BY_FIELD
 import numpy as np
 import numpy.typing as npt
 
@@ -30,91 +41,40 @@ _AT_LEAST, _LEAST_BYTES = 1 << 20, 8
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """
-    One topic of a recording, ready for analysis.
+    """One topic of a recording, ready for analysis."""
 
-    Attributes
-    ----------
-    source, topic : str
-        Path as given, topic name.
-    samples : Samples
-        In the order recorded; samples with a value that is not a number are left out.
-    receive_ns : ndarray of int64, shape (n,), or None
-        Time of arrival of the same samples.
-    frame_id : str
-        Of the first message.
-    announced : int or None
-        Messages according to the metadata of the recording.
-    stored : int
-        Messages read, including those left out.
-    left_out : int
-        Messages with NaN or infinite values.
-    notes : tuple of str
-        What the user must know: counts that disagree, values left out, stamps replaced.
-    stamp_source : str
-        Where the stamps come from: 'header', 'receive', 'column' or 'rate'.
-    stamp_reason : str
-        Why these.
-    covariances : sequence of Covariance
-        Of orientation, angular velocity and acceleration, if `ReadOptions.full` asks for them.
-    """
-
+    # source, topic: path as given, topic name
     source: str
     topic: str
+    # in the order recorded; samples with a value that is not a number are left out
     samples: Samples
-    receive_ns: npt.NDArray[np.int64] | None
-    frame_id: str
-    announced: int | None
-    stored: int
-    left_out: int
+    receive_ns: npt.NDArray[np.int64] | None  # time of arrival of the same samples
+    frame_id: str  # of the first message
+    announced: int | None  # messages according to the metadata of the recording
+    stored: int  # messages read, including those left out
+    left_out: int  # messages with NaN or infinite values
+    # what the user must know: counts that disagree, values left out, stamps replaced
     notes: tuple[str, ...]
+    # where the stamps come from: 'header', 'outer header', 'receive', 'column' or 'rate'
     stamp_source: str
-    stamp_reason: str
+    stamp_reason: str  # why these
+    # of orientation, angular velocity and acceleration, if `ReadOptions.full` asks for them
     covariances: Sequence[Covariance] = ()
+    # what became of its samples, if the sensor says so in the same bag
+    delivery: Delivery | None = None
+    serial: str = ''  # number of the part, if the bag tells it
 
     def __len__(self) -> int:
         return len(self.samples)
 
-
-def read_chunks(source: Source, topic: Topic | str) -> Iterator[Chunk]:
-    """
-    Yield the samples of one topic, chunk by chunk, nothing left out.
-
-    Raises
-    ------
-    RecordingError
-        If the topic is unknown or not an Imu topic, or the file cannot be read.
-    """
-    for _, chunk in source.reader.chunks((source.topic(topic),), source.problems):
-        yield chunk
+    @property
+    def foreign(self) -> bool:
+        """Whether it is of none of the sensors that were to be recorded."""
+        return FOREIGN in map(code_of, self.notes)
 
 
-def load(
-    source: Source,
-    topic: Topic | str,
-    options: ReadOptions | None = None,
-    progress: Progress | None = None,
-) -> Recording:
-    """
-    Return one topic of a recording in memory.
-
-    Parameters
-    ----------
-    source : Source
-        From ``open_source``, which has applied the options.
-    topic : Topic or str
-        Which topic.
-    options : ReadOptions, optional
-        Not needed here; accepted so that options can be passed along everywhere.
-    progress : callable, optional
-        Called with (messages read, messages expected) after every chunk.
-
-    Raises
-    ------
-    RecordingError
-        If the topic is unknown or not an Imu topic, the file cannot be read, or
-        no message holds usable numbers.
-    """
+def load(source: Source, topic: Topic | str, progress: Progress | None = None) -> Recording:
+    """Return one topic of a recording in memory."""
     return load_all(source, (topic,), progress)[0]
 
 
@@ -171,19 +131,36 @@ def _recording(source: Source, topic: Topic, gathered: Gathered) -> Recording:
     notes = _count_notes(topic, announced, stored)
     frame_ids = gathered.frame_ids
     if len(frame_ids) > 1:
-        more = f' and {len(frame_ids) - _NAMED} more' if len(frame_ids) > _NAMED else ''
-        named = ', '.join(map(repr, frame_ids[:_NAMED]))
-        notes.append(f'several frame_ids on one topic: {named}{more}')
+        named = listed(list(map(repr, frame_ids)), _NAMED)
+        words = f'several frame_ids on one topic, which belongs to one sensor: {named}'
+        notes.append(Problem(words, PUBLISHERS))
+    if source.heard is not None:
+        notes.extend(source.heard.meddling(topic.name))
+        if source.heard.foreign(topic.name) and topic.name not in source.asked:
+            words = 'nobody asked for this topic: it is of no sensor of the bench'
+            notes.append(Problem(words, FOREIGN))
+    made_by = source.heard.emulated(topic.name) if source.heard is not None else ''
+    made_by = made_by or simulated.beside(source.path, topic.name)
+    if made_by:
+        notes.append(Problem(f'{made_by}: simulated data, nothing was measured', SIMULATED))
+    delivery = None if source.heard is None else source.heard.delivery(topic.name, gathered.stamps)
     origin = source.reader.stamps_from
-    _, chosen, reason = choose(gathered.stamps, gathered.receive_ns, origin)
-    if chosen != origin:
+    outer = gathered.outer_ns
+    _, chosen, reason = choose(gathered.stamps, gathered.receive_ns, origin, outer)
+    if chosen == OUTER:
+        notes.append(f'stamps are those of the message around the Imu: {reason}')
+    elif chosen != origin:
         notes.append(Problem(f'stamps are the receive time: {reason}', STAMPS))
-    there, good, finite_notes = sift({name: gathered.column(name) for name in QUANTITIES}, where)
+    there, good, finite_notes = sift({name: gathered.column(name) for name in BY_FIELD}, where)
     notes.extend(finite_notes)
     if good is not None:
         gathered.keep(good)
     receive = gathered.receive_ns
-    stamps = gathered.stamps if chosen == origin or receive is None else receive
+    stamps = gathered.stamps
+    if chosen == OUTER and gathered.outer_ns is not None:
+        stamps = gathered.outer_ns
+    elif chosen != origin and receive is not None:
+        stamps = receive
     check_span(stamps, where)
     return Recording(
         source=str(source.path),
@@ -198,6 +175,8 @@ def _recording(source: Source, topic: Topic, gathered: Gathered) -> Recording:
         stamp_source=chosen,
         stamp_reason=reason,
         covariances=gathered.covariances,
+        delivery=delivery,
+        serial='' if source.heard is None else source.heard.serial(topic.name),
     )
 
 

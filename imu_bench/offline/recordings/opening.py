@@ -11,8 +11,7 @@ from imu_bench.bus.recording.file import MAGIC as WIRE
 from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings.array_files import kind, MAGIC_SIZE
 from imu_bench.offline.recordings.discovery import find_recordings, STAMPS_FILE
-from imu_bench.offline.recordings.options import ReadOptions
-from imu_bench.offline.recordings.source import Source
+from imu_bench.offline.recordings.source import ReadOptions, Source
 
 _LISTED = 8
 
@@ -22,22 +21,7 @@ _OWN_SIZE = 64
 
 
 def open_source(path: str | Path, options: ReadOptions | None = None) -> Source:
-    """
-    Open a recording of any known format; nothing is modified, little is read.
-
-    Parameters
-    ----------
-    path : str or Path
-        A bag of ROS 2 (folder or file), a bag of ROS 1, a CSV or text file, or arrays of
-        NumPy or MATLAB.
-    options : ReadOptions, optional
-        Columns, units and rate of a text file.
-
-    Raises
-    ------
-    RecordingError
-        If there is no such file, it cannot be opened or it is no recording.
-    """
+    """Open a recording of any known format; nothing is modified, little is read."""
     place = Path(path)
     chosen = options or ReadOptions()
     try:

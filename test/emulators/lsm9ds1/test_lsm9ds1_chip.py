@@ -126,8 +126,8 @@ def test_temperature_has_16_lsb_per_kelvin_and_zero_at_25(
     assert struct.unpack('<h', bus.read(0x15, 2)) == (word,)
 
 
-@pytest.mark.parametrize(('code', 'mg'), [(0, 0.14), (1, 0.29), (2, 0.43), (3, 0.58)])
-def test_field_at_every_range(chip, clock, make_source, code, mg, on):
+@pytest.mark.parametrize(('code', 'per_gauss'), [(0, 6842), (1, 3421), (2, 2281), (3, 1711)])
+def test_field_at_every_range(chip, clock, make_source, code, per_gauss, on):
     gauss = (0.2, -0.1, 0.4)
     bus, magnetometer, _ = chip(source=make_source(magnetic_field=[1e-4 * x for x in gauss]))
     on(bus, clock)
@@ -135,7 +135,7 @@ def test_field_at_every_range(chip, clock, make_source, code, mg, on):
     magnetometer.write(0x21, bytes([code << 5]))
     magnetometer.write(0x22, b'\x00')
     clock.sleep(0.1)
-    expected = tuple(round(x * 1e3 / mg) for x in gauss)
+    expected = tuple(round(x * per_gauss) for x in gauss)
     assert struct.unpack('<hhh', magnetometer.read(0x28, 6)) == expected
 
 

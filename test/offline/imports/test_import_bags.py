@@ -8,7 +8,6 @@ import sqlite3
 
 from imu_bench.bags.topic_info import describe
 from imu_bench.bags.writer import BagWriter
-from imu_bench.errors import RecordingError
 from imu_bench.offline.imports import import_recordings, outputs, tracks
 from imu_bench.offline.recordings import load_all, open_source, ReadOptions
 from mcap.reader import make_reader
@@ -309,17 +308,6 @@ def test_a_csv_says_what_it_has_no_place_for(bag, tmp_path):
     assert header.endswith('orientation.x,orientation.y,orientation.z,orientation.w')
     assert first.startswith('1700000000.000000000,')
     assert first.endswith(',0.0,0.0,0.6,0.8')
-
-
-def test_stamps_that_no_message_can_hold(tmp_path):
-    log = tmp_path / 'log.csv'
-    rows = '\n'.join(f'{k - 5},0.1' for k in range(20))
-    log.write_text(f'stamp_s,angular_velocity.z\n{rows}\n')
-    with pytest.raises(RecordingError, match=r'go from -5 to 14 s .* --to csv and --to npy keep'):
-        imported(log, tmp_path / 'out')
-    assert not (tmp_path / 'out').exists()
-    imported(log, tmp_path / 'out.csv', 'csv')
-    assert (tmp_path / 'out.csv').read_text().splitlines()[1] == '-5.000000000,0.1'
 
 
 def test_damaged_stamps_of_a_bag_are_left_out_and_counted(tmp_path):

@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from imu_bench.errors import RecordingError
 from imu_bench.offline.imports import FORMS, import_recordings
 from imu_bench.offline.imports.naming import Names, token, topic
-from imu_bench.offline.imports.table import rows
+from imu_bench.offline.imports.outputs import rows
+from imu_bench.offline.imports.tracks import reported
 from imu_bench.offline.recordings import find_recordings, load_all, open_source, ReadOptions
 from imu_bench.offline.recordings.cells import nanoseconds
 import numpy as np
@@ -48,6 +51,13 @@ def read(path, **options):
         with open_source(place, ReadOptions(**options)) as source:
             found += load_all(source, source.select())
     return found
+
+
+def as_reported(recording):
+    """Return a recording without an orientation that its messages declare as not reported."""
+    if reported(recording):
+        return recording
+    return replace(recording, samples=replace(recording.samples, orientation=None))
 
 
 def assert_same(first, second):
@@ -131,11 +141,22 @@ REAL = {
 @pytest.mark.parametrize('place', REAL)
 def test_recordings_of_others_go_through_every_format(shared_data, tmp_path, place):
     source, options = shared_data / place, REAL[place]
-    [before] = read(source, **options)
+    [before] = map(as_reported, read(source, full=True, **options))
     for number, form in enumerate((*FORMS, 'mcap')):
         output = tmp_path / f'out_{number}'
         imported(source, output, form, **options)
-        [after] = read(output)
+        [after] = map(as_reported, read(output, full=True))
         assert_same(before, after)
         assert after.left_out == 0
         source, options = output, {}
+
+
+def test_stamps_that_no_message_can_hold(tmp_path):
+    log = tmp_path / 'log.csv'
+    rows = '\n'.join(f'{k - 5},0.1' for k in range(20))
+    log.write_text(f'stamp_s,angular_velocity.z\n{rows}\n')
+    with pytest.raises(RecordingError, match=r'go from -5 to 14 s .* --to csv and --to npy keep'):
+        imported(log, tmp_path / 'out', 'mcap')
+    assert not (tmp_path / 'out').exists()
+    imported(log, tmp_path / 'out.csv', 'csv')
+    assert (tmp_path / 'out.csv').read_text().splitlines()[1] == '-5.000000000,0.1'

@@ -2,8 +2,10 @@
 """Settings of the inclination plan, and what it says when steps cannot be found."""
 
 from imu_bench.errors import ConfigError, RecordingError
-from imu_bench.offline.plans.inclination import Inclination
-from imu_bench.offline.plans.shown import cells
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.trials.inclination import Turn
+from imu_bench.offline.plans.inclination import _hysteresis, Inclination
+from imu_bench.offline.presentation.tables import cells
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
@@ -157,3 +159,26 @@ def test_a_chip_that_disagrees_with_its_acceleration_is_reported(tilted):
     [finding] = result.findings
     assert finding.code == 'on_chip_disagrees'
     assert '0.11' in finding.text
+
+
+LESS = 'hysteresis up to 0.0115 ± 0.0057 °, at 1.146 °: reached from above it shows less.'
+MORE = 'hysteresis up to 0.0057 ± 0.0029 °, at 1.146 °: reached from above it shows more.'
+NONE = 'no hysteresis is seen; it is below 0.034 °.'
+
+
+@pytest.mark.parametrize(
+    ('turns', 'words'),
+    [
+        ([(-2e-4, -3e-4, -1e-4)], LESS),
+        ([(-2e-4, -6e-4, 2e-4), (1e-4, 0.5e-4, 1.5e-4)], MORE),
+        (
+            [(-2e-4, -6e-4, 2e-4), (0.0, -1e-4, 1e-4)],
+            'no hysteresis is seen; it is below 0.034 °.',
+        ),
+    ],
+)
+def test_hysteresis_is_a_size_and_a_direction_or_a_bound(turns, words):
+    """Each turn is given as value, low and high in rad."""
+    angle = Estimate(0.0, -1e-6, 1e-6, 'rad')
+    made = [Turn(0.02, angle, angle, Estimate(*each, 'rad')) for each in turns]
+    assert _hysteresis(made) == words

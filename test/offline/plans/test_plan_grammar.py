@@ -8,16 +8,20 @@ from pathlib import Path
 from imu_bench.config.schema import REQUIRED, Setting
 from imu_bench.errors import ConfigError, DataError, RecordingError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.offline import plan_runs, plans
-from imu_bench.offline.figure_files.plan import write as write_figures
-from imu_bench.offline.pipeline import Order
-from imu_bench.offline.plans import shown
+from imu_bench.offline import plans
+from imu_bench.offline.analysis.settings import Settings
+from imu_bench.offline.plans import recorded
 from imu_bench.offline.plans.plan import AnyPlan, Plan
-from imu_bench.offline.plans.result import Column, Image, PlanFigure, PlanResult, Series, Table
+from imu_bench.offline.plans.result import PlanResult
+from imu_bench.offline.presentation import tables
+from imu_bench.offline.presentation.figure import Figure, Image, Series
+from imu_bench.offline.presentation.figure_files import write_plan as write_figures
+from imu_bench.offline.presentation.pages import render_plan as render
+from imu_bench.offline.presentation.tables import Column, Table
 from imu_bench.offline.recordings import ReadOptions
-from imu_bench.offline.report.plan_page import render
-from imu_bench.offline.settings import Settings
-from imu_bench.offline.workers import Processes
+from imu_bench.offline.running import plan_runs
+from imu_bench.offline.running.pipeline import Order
+from imu_bench.offline.running.workers import Processes
 import numpy as np
 import pytest
 
@@ -50,9 +54,13 @@ def order():
     return Order(ReadOptions(), Settings())
 
 
-def csv(path: Path, n: int) -> Path:
-    lines = ['t,ax,ay,az'] + [f'{k / 100},0.{k % 7},0.1,9.8' for k in range(n)]
-    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+def csv(path: Path, n: int, moved: float = 0.0) -> Path:
+    """Write noise, with a push of so many m/s² in the middle."""
+    rows = np.empty((n, 4))
+    rows[:, 0] = np.arange(n) / 100
+    rows[:, 1:] = np.random.default_rng(n).normal([0.3, 0.1, 9.8], 0.02, (n, 3))
+    rows[n // 3 : n // 2, 1] += moved
+    np.savetxt(path, rows, fmt='%.6f', delimiter=',', header='t,ax,ay,az', comments='')
     return path
 
 
@@ -105,11 +113,40 @@ def test_a_setting_that_must_be_given_is_asked_for():
 
 
 class TestRuns:
+    def test_when_how_long_and_how_well_is_said(self, tmp_path):
+        paths = [csv(tmp_path / f'{n}.csv', n) for n in (300, 601)]
+        lines = paths[1].read_text(encoding='utf-8').splitlines()
+        paths[1].write_text('\n'.join([*lines[:200], *lines[260:], '']), encoding='utf-8')
+        job = plan_runs.Job(paths, Order(options(), Settings()))
+        result = plan_runs.run_plan(Counting(), job)
+        assert [round(each.duration_s, 6) for each in result.recorded] == [2.99, 6.0]
+        assert [each.missing for each in result.recorded] == [0, 60]
+        assert [f.code for f in result.findings if f.severity != 'info'] == ['gaps']
+        said = recorded.sentence(result.recorded)
+        assert said == (
+            '2 streams of 2 recordings, 2.99 s to 6.00 s each; health: 1 with a severe finding.'
+        )
+        page = render(replace(result, document='A. Book, 1999')).replace('\u00a0', ' ')
+        assert said in page
+        assert 'After A. Book, 1999.' in page
+        assert result.to_json()['recorded'][1]['severity'] == 'severe'
+
+    def test_a_motion_that_the_test_brings_is_no_doubt(self, tmp_path):
+        path = csv(tmp_path / 'moved.csv', 600, moved=4.0)
+        result = plan_runs.run_plan(
+            Counting(), plan_runs.Job([path], Order(options(), Settings()))
+        )
+        assert [f for f in result.findings if f.severity != 'info'] == []
+        noise = plan_runs.run_plan(
+            plans.load('static')(), plan_runs.Job([path], Order(options(), Settings()))
+        )
+        assert 'motion' in [f.code for f in noise.findings]
+
     def test_one_bad_recording_does_not_stop_the_others(self, tmp_path):
         paths = [csv(tmp_path / f'{n}.csv', n) for n in (300, 20, 400)]
         told = []
         job = plan_runs.Job(paths, Order(options(), Settings()), failed=told.append)
-        result = plan_runs.run(Counting({'least': '100'}), job)
+        result = plan_runs.run_plan(Counting({'least': '100'}), job)
         assert [row[1] for row in result.tables[0].rows] == [300, 400]
         assert [Path(failure.source).name for failure in result.failures] == ['20.csv']
         assert told == list(result.failures)
@@ -119,16 +156,16 @@ class TestRuns:
     def test_nothing_measured_is_an_error(self, tmp_path):
         job = plan_runs.Job([csv(tmp_path / 'a.csv', 5)], Order(options(), Settings()))
         with pytest.raises(RecordingError, match='none of the recordings could be measured'):
-            plan_runs.run(Counting({'least': '100'}), job)
+            plan_runs.run_plan(Counting({'least': '100'}), job)
 
     def test_processes_give_the_same_in_the_same_order(self, tmp_path):
         paths = [csv(tmp_path / f'{n}.csv', n) for n in (900, 100, 500)]
-        here = plan_runs.run(Counting(), plan_runs.Job(paths, Order(options(), Settings())))
+        here = plan_runs.run_plan(Counting(), plan_runs.Job(paths, Order(options(), Settings())))
         with Processes(2) as team:
             job = plan_runs.Job(paths, Order(options(), Settings()), team)
             # a class of a test file cannot be sent to a process: plans of the package can
             plan = plans.load('static')()
-            there = plan_runs.run(plan, job)
+            there = plan_runs.run_plan(plan, job)
         assert [row[1] for row in here.tables[0].rows] == [900, 100, 500]
         assert list(there.values) == ['900', '100', '500']
 
@@ -140,7 +177,7 @@ class TestResult:
         'A note.',
     )  # fmt: skip
     figures = (
-        PlanFigure(
+        Figure(
             'Bars', 'condition', 'RR in dB',
             (
                 Series('x', np.arange(2.0), np.array([1.0, 2.0]), np.array([0.5, 1.5]),
@@ -149,14 +186,14 @@ class TestResult:
             ),
             categories=('SC1', 'SC2'),
         ),
-        PlanFigure(
+        Figure(
             'Spectrogram', 'time in s', 'frequency in Hz',
             image=Image(np.arange(6.0).reshape(2, 3), (0.0, 3.0), (0.0, 2.0), 'dB'),
         ),
-        PlanFigure(
+        Figure(
             'Lines', 'time in s', 'angle in °',
             (
-                Series('set', np.arange(3.0), np.arange(3.0), kind='step', dashed=True),
+                Series('set', np.arange(3.0), np.arange(3.0), kind='step', dash='dashed'),
                 Series('measured', np.arange(3.0), np.arange(3.0), np.zeros(3), np.full(3, 3.0)),
                 Series('dots', np.arange(3.0), np.arange(3.0), np.zeros(3), np.full(3, 3.0),
                        'points'),
@@ -172,17 +209,17 @@ class TestResult:
             Table('T', (Column('a'),), ((float('nan'),),))
 
     def test_cells_are_in_the_unit_of_their_column(self):
-        rows = shown.cells(self.table)
+        rows = tables.cells(self.table)
         assert [cell.text for cell in rows[0]] == ['1', '0.573 ± 0.057', 'fine']
         assert [cell.text for cell in rows[2]] == ['3', '–', 'x']
         assert rows[2][1].note == 'too short'
-        assert shown.words(self.table) == [True, False, True]
+        assert tables.words(self.table) == [True, False, True]
 
-    def test_the_page_escapes_and_holds_every_figure(self):
+    def test_the_page_escapes_and_holds_every_figure(self, figures_in):
         page = render(self.result)
         assert 'Angles &lt;b&gt;' in page
         assert 'It &lt;i&gt;holds&lt;/i&gt;.' in page
-        assert page.count('<script type="application/json" class="figure">') == 3
+        assert len(figures_in(page)) == 3
         assert 'http://' not in page.split('<script>')[0]
 
     def test_settings_stand_in_units_that_people_use(self):

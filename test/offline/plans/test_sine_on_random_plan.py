@@ -6,9 +6,10 @@ import json
 from imu_bench import bench
 from imu_bench.config.location import named_file
 from imu_bench.errors import ConfigError, RecordingError
-from imu_bench.offline.plans.shaker.identity import identify, Identity
 from imu_bench.offline.plans.sine_on_random import SineOnRandom
+from imu_bench.offline.plans.sine_on_random.identity import identify, Identity
 from imu_bench.offline.recordings import load_all, open_source, ReadOptions
+from imu_bench.samples import Samples
 from imu_bench.simulation.recording import write_bag
 from imu_bench.simulation.scenario import load_scenario
 import numpy as np
@@ -122,10 +123,11 @@ def test_before_and_after_are_compatible(campaign):
 
 def test_every_table_of_the_document_and_its_figures(campaign):
     titles = ' '.join(t.title for t in campaign.tables)
-    assert all(f'(table {number})' in titles for number in ('IV', 'V', 'VI', 'VII'))
+    own = 'Capriglione 2021'
+    assert all(f'({own}, table {number})' in titles for number in ('IV', 'V', 'VI', 'VII'))
     figures = ' '.join(f.title for f in campaign.figures)
-    assert all(f'(figure {number})' in figures for number in (3, 7, 8, 9, 10, 11, 12))
-    bars = next(f for f in campaign.figures if 'dut1: RR (figure 8)' in f.title)
+    assert all(f'({own}, figure {number})' in figures for number in (3, 7, 8, 9, 10, 11, 12))
+    bars = next(f for f in campaign.figures if 'dut1: RR (Capriglione 2021, figure 8)' in f.title)
     assert bars.categories == ('yx', 'zx', 'xz', 'yz')
     assert bars.series[0].low is not None
     json.dumps(campaign.to_json(), allow_nan=False)
@@ -258,3 +260,38 @@ def test_a_truth_that_is_none_is_said(tmp_path):
     (tmp_path / 'truth.json').write_text('{}')
     with pytest.raises(RecordingError, match='not as imu-bench simulate writes it'):
         identify(str(tmp_path), NOTHING)
+
+
+def test_the_control_accelerometer_is_held_against_the_profile(recording_of):
+    """White noise of 0.0125 g²/Hz by hand, a quarter more than the profile: 0.97 dB."""
+    rng, rate, g = np.random.default_rng(6), 5000.0, 9.80665
+    n = round(30 * rate)
+    t = np.arange(n) / rate
+    shaking = (t > 8) & (t < 22)
+    sigma = np.sqrt(0.0125 * rate / 2) * g
+    force = np.array([0.0, 0.0, g]) + rng.normal(0.0, 1e-3, (n, 3))
+    sine = g * np.sin(2 * np.pi * 5.0 * t)
+    force[:, 0] += shaking * (sine + rng.normal(0.0, sigma, n))
+    stamps = 1_700_000_000_000_000_000 + np.round(t * 1e9).astype(np.int64)
+    recording = recording_of(
+        Samples(stamps, acceleration=force), topic='/bench/piezo/imu/data_raw'
+    )
+
+    def run(**settings):
+        plan = SineOnRandom(settings)
+        return plan.conclude([plan.measure('campaign/sc1_x_1', [recording])])
+
+    found = run(control='piezo')
+    [row] = table(found, 'Control accelerometer').values()
+    assert row['profile'] == pytest.approx(0.1 * g)
+    assert row['ratio'].value == pytest.approx(10 * np.log10(1.25), abs=0.1)
+    assert row['ratio'].low < 10 * np.log10(1.25) < row['ratio'].high
+    [figure] = [f for f in found.figures if 'control accelerometer' in f.title]
+    measured, profile = figure.series
+    assert profile.x.tolist() == [200.0, 2000.0]
+    assert profile.y == pytest.approx([0.01, 0.01])
+    inside = (measured.x > 300) & (measured.x < 1900)
+    assert np.mean(measured.y[inside]) == pytest.approx(0.0125, rel=0.05)
+    assert not any('Control' in t.title for t in run().tables)
+    with pytest.raises(RecordingError, match='control=other: not among the sensors: piezo'):
+        run(control='other')

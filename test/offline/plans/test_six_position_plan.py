@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The six-position plan: methods, missing positions, and the YAML for the nodes."""
 
+from dataclasses import replace
+
 from imu_bench.config import sensor_from_parameters
 from imu_bench.errors import ConfigError, RecordingError
 from imu_bench.offline.plans.six_position import SixPosition
@@ -166,3 +168,71 @@ def test_a_yaml_that_cannot_be_is_refused(turned, tmp_path):
 def test_settings_are_checked(settings, text):
     with pytest.raises(ConfigError, match=text):
         SixPosition(settings)
+
+
+def leaning(degrees, count, seed=3):
+    """Return directions that lean by up to so much from the six faces."""
+    rng = np.random.default_rng(seed)
+    ups = np.array([FACES[k % 6] for k in range(count)])
+    ups = ups + np.tan(np.radians(degrees)) * rng.uniform(-1.0, 1.0, ups.shape)
+    return ups / np.linalg.norm(ups, axis=1, keepdims=True)
+
+
+def test_positions_near_faces_that_are_none_are_taken_by_the_size_of_gravity(turned):
+    ups = leaning(20.0, 24)
+    found = run([turned(ups, gyroscope=False)]).values['chip']
+    assert found['acceleration']['method'] == 'norm'
+    assert np.sqrt(np.mean(np.square(found['residuals_after']))) < 0.01
+
+
+def test_faces_laid_by_hand_stay_faces(turned):
+    found = run([turned(leaning(1.0, 24), gyroscope=False)]).values['chip']
+    assert found['acceleration']['method'] == 'faces'
+
+
+def test_too_few_that_are_no_faces_are_said_first(turned):
+    result = run([turned(leaning(22.0, 6), gyroscope=False)])
+    finding = result.findings[0]
+    assert (finding.code, finding.severity) == ('no_faces', 'severe')
+    assert 'lean up to' in finding.text and 'method=norm' in finding.action
+
+
+def test_one_recording_per_face(turned):
+    """Their names say nothing; the faces do."""
+    plan = SixPosition({})
+    whole = run([turned(FACES)]).values['chip']
+    parts = [
+        plan.measure(f'{k}.csv', [turned([up], source=f'{k}.csv', topic=f'{k}')])
+        for k, up in enumerate(FACES)
+    ]
+    result = plan.conclude(parts)
+    (found,) = result.values.values()
+    assert len(found['positions']) == 6 and found['source'] == '6 recordings'
+    np.testing.assert_allclose(
+        found['acceleration']['matrix'], whole['acceleration']['matrix'], atol=2e-3
+    )
+    for bias, known in zip(found['angular_velocity']['bias'], 0.1 * BIAS, strict=True):
+        assert bias['value'] == pytest.approx(known, abs=1e-3)
+
+
+def test_accelerometer_and_gyroscope_in_two_files(turned):
+    """The gyroscope starts earlier and runs at another rate."""
+    whole = turned(FACES, turns=(0, 1, 2))
+    run_ = whole.samples
+    reference = run([whole]).values['chip']
+    every = np.concatenate(
+        [np.repeat(run_.angular_velocity[:1], 50, axis=0), run_.angular_velocity]
+    )
+    stamps = (np.arange(2 * len(every)) * 0.5e9 / RATE).astype(np.int64)
+    first = Samples(run_.stamps + 500_000_000, acceleration=run_.acceleration)
+    second = Samples(stamps, angular_velocity=np.repeat(every, 2, axis=0))
+    plan = SixPosition({})
+    parts = [
+        plan.measure('a', [replace(whole, samples=first, source='a', topic='Accelerometer')]),
+        plan.measure('g', [replace(whole, samples=second, source='g', topic='Gyroscope')]),
+    ]
+    (found,) = plan.conclude(parts).values.values()
+    for name in ('acceleration', 'angular_velocity'):
+        np.testing.assert_allclose(found[name]['matrix'], reference[name]['matrix'], atol=3e-3)
+    with pytest.raises(RecordingError, match='no accelerometer belongs to it'):
+        plan.conclude(parts[1:])

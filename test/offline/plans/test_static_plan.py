@@ -3,13 +3,18 @@
 
 from dataclasses import replace
 
+from imu_bench import drivers
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.offline.analyse import analyse
-from imu_bench.offline.axis_result import AxisResult
-from imu_bench.offline.gauss_markov_result import Drift, DriftModel
+from imu_bench.offline.analysis.axis_result import AxisResult
+from imu_bench.offline.analysis.drift_models import Drift, DriftModel
+from imu_bench.offline.analysis.recording import analyse
+from imu_bench.offline.comparing.sensors import stated_rate
 from imu_bench.offline.plans.static import Static
+from imu_bench.samples import Samples
+import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 
 @pytest.fixture(scope='module')
@@ -29,7 +34,7 @@ def table(result, words):
 def test_the_tables_of_the_thesis_are_there(measured):
     result = Static().conclude(measured)
     for number in ('5.1', '5.2', '5.4', '5.5', '5.6', '5.7', '5.8'):
-        assert table(result, f'(table {number})').rows
+        assert table(result, f'(Shabulinzenze 2020, table {number})').rows
 
 
 def test_ratios_refer_to_the_reference(measured):
@@ -120,3 +125,43 @@ def test_axes_of_one_sensor_that_are_alike_are_said_to_be(measured):
         assert 'no axis is told apart from it' in line
         assert 'times as much' not in line
     assert 'lsm9ds1' in Static().conclude(measured).summary[0]
+
+
+@pytest.mark.parametrize(
+    ('driver', 'measured_hz', 'sheet_hz'),
+    [
+        # Shabulinzenze 2020, table 5.2: measured and data sheet
+        ('mti300', 399.8, 400.0),
+        ('mpu9250', 740.0, 1000.0),
+        ('lsm9ds1', 1012.0, 952.0),
+        ('bno055', 171.0, 100.0),
+        ('lsm303dlhc', 1260.0, 1344.0),
+    ],
+)
+def test_the_rate_of_the_datasheet_is_that_of_the_thesis(driver, measured_hz, sheet_hz):
+    assert stated_rate(drivers.load(driver), measured_hz) == sheet_hz
+
+
+def test_table_5_2_has_both_rates(measured):
+    found = table(Static().conclude(measured), '5.2')
+    place = [column.title for column in found.columns].index('datasheet rate')
+    # 100 Hz of noise: an MPU-9250 has that rate, an LSM9DS1 its 119 Hz
+    assert {row[0]: row[place] for row in found.rows}['mpu9250 x'] == 100.0
+    assert {row[0]: row[place] for row in found.rows}['lsm9ds1 z'] == 119.0
+
+
+def test_the_autocorrelation_of_a_process_falls_as_it_should(recording_of):
+    """A first-order process with T_c of 5 s, and white noise that the averages take away."""
+    rng, rate, time_s = np.random.default_rng(54), 100.0, 5.0
+    n, keep = 400_000, np.exp(-1 / (rate * time_s))
+    drive = rng.normal(size=(n, 3)) * np.sqrt(1 - keep**2)
+    bias = lfilter([1.0], [1.0, -keep], drive, axis=0)
+    stamps = (np.arange(n) * 1e9 / rate).astype(np.int64)
+    samples = Samples(stamps, acceleration=bias + 0.3 * rng.normal(size=(n, 3)))
+    result = Static().conclude([analyse(recording_of(samples))])
+    figures = {figure.title: figure for figure in result.figures}
+    (series,) = figures['Acceleration x: autocorrelation (Shabulinzenze 2020, figure 5.4)'].series
+    assert (series.x[0], series.y[0]) == (0.0, 1.0)
+    # 4000 s hold 800 correlation times: an autocorrelation scatters by some 0.04
+    for lag in (2.0, 5.0, 10.0):
+        assert np.interp(lag, series.x, series.y) == pytest.approx(np.exp(-lag / 5.0), abs=0.15)

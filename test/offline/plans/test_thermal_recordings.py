@@ -30,7 +30,7 @@ RECORDINGS = [
 
 def first(path, options):
     source = open_source(str(path), options)
-    return load(source, next(t.name for t in source.topics if t.is_imu), options)
+    return load(source, next(t.name for t in source.topics if t.is_imu))
 
 
 @pytest.mark.parametrize(('path', 'options'), RECORDINGS, ids=lambda case: str(case)[:12])

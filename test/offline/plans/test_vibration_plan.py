@@ -11,9 +11,13 @@ from imu_bench.errors import ConfigError, RecordingError
 from imu_bench.metrology.spectra.response import Trace
 from imu_bench.offline.plans.vibration import Vibration
 from imu_bench.offline.recordings import load_all, open_source, ReadOptions
+from imu_bench.samples import Samples
 from imu_bench.simulation.recording import write_bag
 from imu_bench.simulation.scenario import load_scenario
+import numpy as np
 import pytest
+
+from benchmarks._analyzed import recording
 
 SENSORS = ('mti300', 'mpu9250', 'bno055', 'mtn1100')
 
@@ -190,7 +194,9 @@ def test_what_is_missing_is_said(engine_path):
     plan = Vibration(reference='piezo')
     with pytest.raises(RecordingError, match='--reference piezo: not among the sensors: mti300'):
         plan.conclude([measured(plan, engine_path)])
-    with pytest.raises(RecordingError, match='0 s from 100 s on; a vibration needs 4 s'):
+    with pytest.raises(
+        RecordingError, match=r'0 s from 100 s on; a vibration from 2 Hz on needs 2\.56 s'
+    ):
         measured(Vibration({'begin': '100 s'}), engine_path)
     with pytest.raises(RecordingError, match='nothing is left between a high-pass at 60 Hz'):
         measured(Vibration({'high_pass': '60 Hz'}), engine_path)
@@ -198,3 +204,64 @@ def test_what_is_missing_is_said(engine_path):
         Vibration().measure('gyro', [])
     with pytest.raises(ConfigError, match="unknown unit 'furlong'"):
         Vibration({'high_pass': '2 furlong'})
+
+
+def bearing(seed, fault_hz):
+    """Return 146 484 samples at 12 kHz: noise, and blows at a frequency that slips by 1 %."""
+    rng, size = np.random.default_rng([75, seed]), 146_484
+    x = rng.standard_normal(size)
+    at = np.cumsum((1.0 + 0.01 * rng.standard_normal(3000)) / (0.99 * fault_hz))
+    blows = np.zeros(size)
+    blows[(at[at < size / 12_000.0] * 12_000.0).astype(int)] = 12.0
+    ring = np.arange(80) / 12_000.0
+    x += np.convolve(blows, np.exp(-800.0 * ring) * np.sin(6.28 * 3300.0 * ring))[:size]
+    columns = np.full((size, 3), np.nan)
+    columns[:, 2] = x
+    stamps = np.rint(np.arange(size) * (1e9 / 12_000.0)).astype(np.int64)
+    return recording(Samples(stamps=stamps, acceleration=columns))
+
+
+def test_a_damaged_bearing_has_a_verdict():
+    """9 balls of 7.94 mm on 39.04 mm at 1797 rpm: 107.3 Hz for the outer race."""
+    plan = Vibration({'bearing': '9, 7.94 mm, 39.04 mm, 0 °', 'speed': '1797 rpm'})
+    result = plan.conclude([plan.measure('made', [bearing(1, 107.304)])])
+    rows = {row['fault']: row for row in table(result, 'Faults')}
+    assert [row['verdict'] for row in rows.values()] == [
+        'not seen',
+        'not seen',
+        'seen',
+        'not seen',
+    ]
+    assert rows['outer race']['expected'] == pytest.approx(107.3, abs=0.1)
+    assert rows['outer race']['found'].value == pytest.approx(0.99 * 107.304, abs=0.3)
+    assert any(line.startswith('Fault seen: outer race, every 106.') for line in result.summary)
+    document = result.to_json()
+    json.dumps(document, allow_nan=False)
+    assert '"seen": true' in json.dumps(document)
+    sound = Vibration({'faults': 'outer 107.3 Hz, inner 162.2 Hz', 'envelope': '1 kHz, 2 kHz'})
+    result = sound.conclude([sound.measure('made', [bearing(2, 61.8)])])
+    assert {row['verdict'] for row in table(result, 'Faults')} == {'not seen'}
+    assert 'None of the faults looked for is seen in the envelope.' in result.summary
+
+
+@pytest.mark.parametrize(
+    ('settings', 'words'),
+    [
+        ({'envelope': '2 kHz'}, 'give two frequencies'),
+        ({'envelope': '3 kHz, 2 kHz'}, 'is no band'),
+        ({'faults': 'outer 107'}, '--set faults: '),
+        ({'faults': 'outer 0 Hz'}, 'above 0 Hz'),
+        ({'bearing': '9, 8 mm, 39 mm'}, 'needs the speed of the shaft'),
+        ({'bearing': 'nine, 8 mm, 39 mm', 'speed': '30 Hz'}, 'give the number of elements'),
+        ({'bearing': '9, 39 mm, 8 mm', 'speed': '30 Hz'}, 'no bearing: 9 elements'),
+    ],
+)
+def test_settings_of_a_bearing_that_make_no_sense_are_said(settings, words):
+    with pytest.raises(ConfigError, match=words):
+        Vibration(settings)
+
+
+def test_a_band_above_every_sensor_is_said():
+    plan = Vibration({'envelope': '7 kHz, 8 kHz'})
+    with pytest.raises(RecordingError, match='no sensor is fast enough for 7000 to 8000 Hz'):
+        plan.conclude([plan.measure('made', [bearing(3, 100.0)])])

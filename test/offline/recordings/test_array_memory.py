@@ -18,11 +18,11 @@ AXES = ('ax', 'ay', 'az', 'gx', 'gy', 'gz')
 READ = """
 import resource, sys
 from pathlib import Path
-from imu_bench.offline.mapped import Residency
+from imu_bench.offline.running.mapped import MappedLimit
 from imu_bench.offline.recordings import ReadOptions
 from imu_bench.offline.recordings.cache import columns
 import scipy.io  # before: its size is not that of a recording
-with Residency(16 << 20):
+with MappedLimit(16 << 20):
     for path in map(Path, sys.argv[1:]):
         given = {'columns': 'stamp,ax,ay,az,gx,gy,gz'} if path.suffix == '.npy' else {}
         with columns(path, ReadOptions(units='SI', **given)) as read:

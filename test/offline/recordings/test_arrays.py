@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import math
+import struct
 import tempfile
 import zipfile
+import zlib
 
 from imu_bench.errors import RecordingError
 from imu_bench.offline.recordings import find_recordings, load_all, open_source, ReadOptions
@@ -115,6 +117,19 @@ class TestNpy:
         with pytest.raises(RecordingError, match='it holds object of shape'):
             open_source(tmp_path / 'a.npy')
 
+    @pytest.mark.parametrize('last', ['<f8', '|O'])
+    def test_columns_within_columns_are_no_table(self, tmp_path, last):
+        kind = [('ax', last)]
+        for _ in range(300):
+            kind = [('ax', kind)]
+        header = {'descr': kind, 'fortran_order': False, 'shape': (20,)}
+        with (tmp_path / 'a.npy').open('wb') as file:
+            np.lib.format.write_array_header_2_0(file, header)
+            file.write(bytes(160))
+        with pytest.raises(RecordingError, match='not an array of numbers') as caught:
+            open_source(tmp_path / 'a.npy')
+        assert len(str(caught.value)) < 500
+
     @pytest.mark.parametrize('array', [np.float64(3), np.zeros((0, 6)), np.array(['a', 'b'])])
     def test_no_columns_of_numbers(self, tmp_path, array):
         np.save(tmp_path / 'a.npy', array)
@@ -215,6 +230,45 @@ class TestMatlab:
         path = tmp_path / 'a.mat'
         path.write_text('a,b,c\n' * 100)
         with pytest.raises(RecordingError, match='damaged, or no MATLAB file'):
+            open_source(path)
+
+    def test_what_crashes_the_reader_of_scipy_is_one_line(self, tmp_path):
+        """An array in a cell that says nothing of its numbers: found by fuzzing."""
+
+        def element(kind, data):
+            return struct.pack('<II', kind, len(data)) + data + bytes(-len(data) % 8)
+
+        def head(kind, rows, name):
+            flags = element(6, struct.pack('<II', kind, 0))
+            return flags + element(5, struct.pack('<ii', rows, 1)) + element(1, name)
+
+        cell = element(14, head(1, 10, b'a') + element(14, head(6, 0, b'')) * 10)
+        path = tmp_path / 'a.mat'
+        path.write_bytes(b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + cell)
+        with pytest.raises(RecordingError, match=r'a\.mat: damaged, or no MATLAB file: '):
+            open_source(path)
+
+    @pytest.mark.parametrize('compressed', [False, True])
+    def test_cells_within_cells_do_not_fill_the_stack(self, tmp_path, compressed):
+        def element(kind, data):
+            return struct.pack('<II', kind, len(data)) + data + bytes(-len(data) % 8)
+
+        head = element(6, struct.pack('<II', 1, 0)) + element(5, struct.pack('<ii', 1, 1))
+        levels = 200_000
+        content = element(14, head + element(1, b'') + b'')
+        inner = len(content)
+        parts = [content]
+        for level in range(levels):
+            name = element(1, b'a' if level == levels - 1 else b'')
+            parts.append(struct.pack('<II', 14, len(head) + len(name) + inner) + head + name)
+            inner += len(parts[-1])
+        content = b''.join(reversed(parts))
+        if compressed:
+            packed = zlib.compress(content)
+            content = struct.pack('<II', 15, len(packed)) + packed
+        path = tmp_path / 'a.mat'
+        path.write_bytes(b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + content)
+        with pytest.raises(RecordingError, match='a struct or cell of more than 1000 arrays'):
             open_source(path)
 
 

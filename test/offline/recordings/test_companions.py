@@ -6,7 +6,7 @@ from dataclasses import replace
 from imu_bench.bags.topic_info import describe, OfferedQos
 from imu_bench.bags.writer import BagWriter
 from imu_bench.offline.recordings import load_all, open_source, ReadOptions
-from imu_bench.offline.recordings.companions import beside
+from imu_bench.offline.recordings.companions import companion
 from msg_conversions import cdr
 from msg_conversions.templates import ImuTemplate, Template
 import numpy as np
@@ -58,26 +58,26 @@ def test_each_sensor_has_its_own(tmp_path, storage):
         storage,
     )
     found = recordings(bag)
-    first = beside(found['/bench/a/imu/data_raw'], 'temperature')
+    first = companion(found['/bench/a/imu/data_raw'], 'temperature')
     assert first.topic == '/bench/a/temperature'
     assert first.values[:, 0].tolist() == list(range(20, 30))
     assert first.stamps.tolist() == STAMPS.tolist()
-    assert beside(found['/bench/a/imu/data_raw'], 'inclination') is None
+    assert companion(found['/bench/a/imu/data_raw'], 'inclination') is None
     second = found['/bench/b/imu/data_raw']
-    assert beside(second, 'temperature').values[0, 0] == 40.0
-    assert beside(second, 'inclination').values.shape == (10, 3)
+    assert companion(second, 'temperature').values[0, 0] == 40.0
+    assert companion(second, 'inclination').values.shape == (10, 3)
     # a recording on the recorder's clock has companions on the same
-    late = beside(replace(second, stamp_source='receive'), 'temperature')
+    late = companion(replace(second, stamp_source='receive'), 'temperature')
     assert late.stamps.tolist() == (STAMPS + 5).tolist()
 
 
 def test_without_a_namespace_the_only_one_counts(tmp_path):
     one = {'/imu': (IMU, 0.0), '/room/temperature': (TEMPERATURE, 20.0)}
     found = recordings(write(tmp_path / 'one', one))['/imu']
-    assert beside(found, 'temperature').values[0, 0] == 20.0
+    assert companion(found, 'temperature').values[0, 0] == 20.0
     two = {**one, '/oven/temperature': (TEMPERATURE, 80.0)}
     found = recordings(write(tmp_path / 'two', two))['/imu']
-    assert beside(found, 'temperature') is None
+    assert companion(found, 'temperature') is None
 
 
 def test_of_text_it_is_in_the_table(tmp_path):
@@ -89,5 +89,5 @@ def test_of_text_it_is_in_the_table(tmp_path):
     )
     with open_source(file, ReadOptions(units='temperature=degC')) as source:
         [found] = load_all(source, source.select())
-    assert beside(found, 'temperature').values[:, 0].tolist() == list(range(20, 30))
-    assert beside(found, 'inclination') is None
+    assert companion(found, 'temperature').values[:, 0].tolist() == list(range(20, 30))
+    assert companion(found, 'inclination') is None

@@ -16,11 +16,11 @@ from imu_bench.bags.bag import Bag
 from imu_bench.bags.ros1 import Ros1File
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.stamps.timing import analyse
-from imu_bench.offline.analyse import analyse as measured
-from imu_bench.offline.axes import axes
+from imu_bench.offline.analysis.axes import axes
+from imu_bench.offline.analysis.recording import analyse as measured
+from imu_bench.offline.analysis.settings import Settings
 from imu_bench.offline.notation import count, duration, number
 from imu_bench.offline.recordings import find_recordings, load_all, open_source, ReadOptions
-from imu_bench.offline.settings import Settings
 import pytest
 
 pytestmark = pytest.mark.data

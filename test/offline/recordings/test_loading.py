@@ -7,12 +7,12 @@ import re
 
 from imu_bench.bags.problems import code_of
 from imu_bench.errors import RecordingError
+from imu_bench.offline.health.check import check
 from imu_bench.offline.recordings import (
     cache,
     load,
     load_all,
     open_source,
-    read_chunks,
     ReadOptions,
 )
 import numpy as np
@@ -55,17 +55,9 @@ def test_values_are_those_of_rosbags_bit_by_bit(imu_bag, signals, storage):
 def test_progress_counts_messages(imu_bag, signals):
     seen = []
     with open_source(imu_bag(*signals)) as source:
-        load(source, '/imu/data_raw', ReadOptions(), lambda *numbers: seen.append(numbers))
+        load(source, '/imu/data_raw', lambda *numbers: seen.append(numbers))
     assert seen[-1] == (500, 500)
     assert seen == sorted(seen)
-
-
-def test_chunks_are_the_recording_in_pieces(imu_bag, signals):
-    with open_source(imu_bag(*signals)) as source:
-        pieces = list(read_chunks(source, '/imu/data_raw'))
-        recording = load(source, '/imu/data_raw')
-    joined = np.concatenate([piece.acceleration for piece in pieces])
-    assert joined.tolist() == recording.samples.acceleration.tolist()
 
 
 def test_frames_of_several_lengths_are_read_and_said(tmp_path, serialize):
@@ -81,7 +73,12 @@ def test_frames_of_several_lengths_are_read_and_said(tmp_path, serialize):
         recording = load(source, '/imu')
     assert recording.samples.acceleration[:, 0].tolist() == [0, 1, 2, 3]
     assert recording.frame_id == 'a'
-    assert recording.notes == ("several frame_ids on one topic: 'a', 'a_much_longer_name', 'bcd'",)
+    words = (
+        "several frame_ids on one topic, which belongs to one sensor: 'a', 'a_much_longer_name', "
+    )
+    assert recording.notes == (f"{words}'bcd'",)
+    (finding,) = [each for each in check(recording).findings if each.text == f"{words}'bcd'."]
+    assert finding.severity == 'severe'
 
 
 def test_a_message_that_is_no_imu_is_left_out_and_counted(tmp_path, serialize):
@@ -359,3 +356,19 @@ def test_what_kind_of_problem_it_is_survives_the_cache(imu_bag, tmp_path, monkey
     assert kinds[0] == kinds[1]
     assert kinds[0][0][0] == 'incomplete'
     assert kinds[0][1] == ['not_a_number'] * 2
+
+
+def test_the_same_samples_with_an_orientation_are_left_out_and_it_is_said(tmp_path, serialize):
+    from imu_bench.bags.topic_info import describe
+    from imu_bench.bags.writer import BagWriter
+
+    with BagWriter(tmp_path / 'bag') as bag:
+        for topic in ('/a/imu/data', '/a/imu/data_raw', '/b/imu/data'):
+            bag.add_topic(describe(topic, 'sensor_msgs/msg/Imu'))
+            bag.write(topic, START, serialize(START, (0, 1, 2), (3, 4, 5)))
+    with open_source(tmp_path / 'bag') as source:
+        chosen = [topic.name for topic in source.select()]
+        assert chosen == ['/a/imu/data_raw', '/b/imu/data']
+        [said] = [words for words in source.problems if 'left out' in words]
+        assert said.startswith('/a/imu/data is left out')
+        assert [topic.name for topic in source.select(('/a/imu/data',))] == ['/a/imu/data']

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+import sqlite3
+
 from imu_bench.bags.topic_info import TopicInfo
 from imu_bench.bags.writer import BagWriter
 from imu_bench.errors import RecordingError
@@ -146,3 +149,125 @@ def test_definitions_that_are_damaged_or_not_complete(tmp_path, serialize, defin
         else:
             with pytest.raises(RecordingError):
                 load(source, source.select()[0])
+
+
+@pytest.mark.parametrize(('inner', 'outer'), [(True, False), (False, True), (False, False)])
+def test_the_better_of_two_headers_is_the_time(tmp_path, values, serialize, inner, outer):
+    """A header that was rounded to 25 ms dates samples of 100 Hz no more."""
+    store = store_of('ros2')
+    rng = np.random.default_rng(2)
+    fine = START + 10_000_000 * np.arange(N) + rng.integers(-100_000, 100_000, N)
+    coarse = fine // 25_000_000 * 25_000_000
+    written = []
+    for k in range(N):
+        stamps = [int((coarse if rough else fine)[k]) for rough in (inner, outer)]
+        imu, around = (
+            store.deserialize_cdr(serialize(t, values[0][k], values[1][k]), 'sensor_msgs/msg/Imu')
+            for t in stamps
+        )
+        state = store.types[STATE](around.header, 3.7, imu, [])
+        written.append(
+            ('/state', STATE, int(fine[k]) + 5_000_000, bytes(store.serialize_cdr(state, STATE)))
+        )
+    with open_source(_write('mcap', tmp_path, store, written)) as source:
+        recording = load(source, '/state.imu')
+    np.testing.assert_array_equal(recording.samples.stamps, fine)
+    assert recording.stamp_source == ('outer header' if inner else 'header')
+    said = [note for note in recording.notes if 'around the Imu' in note]
+    assert bool(said) == inner
+
+
+# --- definitions in files beside the bag ------------------------------------------------------
+
+FILES = {'State.msg': STATE_TEXT, 'Part.msg': PART_TEXT, 'Deep.msg': DEEP_TEXT}
+
+
+@pytest.fixture(params=['mcap', 'sqlite3', 'sqlite3 before Iron'])
+def undefined(request, tmp_path, values, serialize):
+    """Return a bag of /state without any definition, in a folder of its own."""
+    store = store_of('ros2')
+    path = tmp_path / 'set' / 'bag'
+    kind = request.param.split()[0]
+    with BagWriter(path, kind) as bag:
+        bag.add_topic(TopicInfo('/state', STATE, '', 'RIHS01_0'))
+        for k in range(N):
+            imu = store.deserialize_cdr(
+                serialize(START + 10_000_000 * k, values[0][k], values[1][k]),
+                'sensor_msgs/msg/Imu',
+            )
+            state = store.types[STATE](imu.header, 3.7, imu, [])
+            bag.write('/state', START + 10_000_000 * k, bytes(store.serialize_cdr(state, STATE)))
+    if request.param.endswith('Iron'):
+        with closing(sqlite3.connect(next(path.glob('*.db3')))) as file:
+            file.execute('DROP TABLE message_definitions')
+            file.commit()
+    return path
+
+
+@pytest.mark.parametrize('place', ['.', '..', 'my_msgs/msg', '../my_msgs/msg', '../msg'])
+def test_definitions_beside_the_bag(undefined, values, place):
+    folder = undefined / place
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
+    with open_source(undefined) as source:
+        assert [topic.name for topic in source.select()] == ['/state.imu']
+        samples = load(source, '/state.imu').samples
+        assert source.problems == []
+    np.testing.assert_array_equal(samples.acceleration, values[0])
+    np.testing.assert_array_equal(samples.angular_velocity, values[1])
+
+
+def test_definitions_beside_a_single_file(undefined, values):
+    for name, text in FILES.items():
+        (undefined.parent / name).write_text(text)
+    file = next(file for file in undefined.iterdir() if file.suffix in ('.db3', '.mcap'))
+    with open_source(file) as source:
+        assert len(load(source, '/state.imu')) == N
+
+
+def test_definitions_that_are_not_there_are_asked_for(undefined):
+    asked = (
+        r'the bag stores no definition of my_msgs/msg/State: '
+        r'if an Imu is inside, put State.msg beside'
+    )
+    with open_source(undefined) as source:
+        with pytest.raises(RecordingError, match=f'no Imu topic; .*{asked}'):
+            source.select()
+        with pytest.raises(RecordingError, match=asked):
+            source.select(['/state'])
+
+
+@pytest.mark.parametrize(
+    ('files', 'words'),
+    [
+        (('State.msg',), r'State\.msg is made of my_msgs/msg/Part: put Part\.msg beside it'),
+        (('State.msg', 'Part.msg'), r'Part\.msg is made of my_msgs/msg/Deep: put Deep\.msg'),
+    ],
+)
+def test_definitions_that_are_not_complete_say_what_they_need(undefined, files, words):
+    for name in files:
+        (undefined / name).write_text(FILES[name])
+    with open_source(undefined) as source, pytest.raises(RecordingError, match=words):
+        source.select()
+
+
+@pytest.mark.parametrize('text', ['', 'float32 )(', '\0', 'x' * 300_000])
+def test_definitions_that_are_none(undefined, text):
+    (undefined / 'State.msg').write_text(text)
+    with (
+        open_source(undefined) as source,
+        pytest.raises(RecordingError, match=r'State\.msg: no definition of my_msgs/msg/State'),
+    ):
+        source.select()
+
+
+def test_a_type_named_like_a_path_reads_no_file(tmp_path, serialize):
+    (tmp_path / 'State.msg').write_text(STATE_TEXT)
+    with BagWriter(tmp_path / 'a' / 'bag', 'mcap') as bag:
+        bag.add_topic(TopicInfo('/state', '../../State', '', 'RIHS01_0'))
+        bag.write('/state', START, serialize(START, (1, 2, 3), (4, 5, 6)))
+    with open_source(tmp_path / 'a' / 'bag') as source:
+        assert [topic.is_imu for topic in source.topics] == [False]
+        with pytest.raises(RecordingError, match='no Imu topic'):
+            source.select()

@@ -119,7 +119,6 @@ class TestLayouts:
             '"ax","ay","az"\n"1","-2","3.5"\n"4","5","-6.25"\n',
             'ax,ay,az,label\n1,-2,3.5,still\n4,5,-6.25,moving\n',
             'ax,ay,az\n1e0,-2E+0,35e-1\n4,5,-6.25\n\n\n',
-            'ax,ay,az\n1,-2,3.5\n4,5,-6.25',
         ],
     )
     def test_is_detected(self, csv, text):
@@ -127,6 +126,12 @@ class TestLayouts:
         assert recording.samples.acceleration.tolist() == [list(row) for row in self.EXPECTED]
         assert recording.samples.stamps.tolist() == [0, 10_000_000]
         assert csv.problems == []
+
+    def test_a_last_line_without_an_end_may_be_cut(self, csv):
+        recording = csv('ax,ay,az\n1,-2,3.5\n4,5,-6.25', rate_hz=100, units='SI')
+        assert recording.samples.acceleration.tolist() == [list(row) for row in self.EXPECTED]
+        [problem] = csv.problems
+        assert 'no line end' in problem
 
     def test_utf16_is_named(self, csv):
         with pytest.raises(RecordingError, match='UTF-16 text: save it as UTF-8'):
@@ -137,7 +142,7 @@ class TestLayouts:
             'stamp_s,linear_acceleration.x\n0,1\n1,2\nstamp_s,linear_acceleration.x\n2,3\n3'
         )
         assert recording.samples.acceleration[:, 0].tolist() == [1, 2, 3]
-        assert csv.problems == [
+        assert csv.problems[1:] == [
             'log.csv: 2 lines of the table are no rows and were skipped, the first is its line 3'
         ]
 

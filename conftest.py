@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What needs ROS 2 or a library that is not here is skipped and says so; with CI=true it fails."""
+
+from functools import cache
+from importlib.util import find_spec
+import os
+import re
+import warnings
+
+import pytest
+
+OPTIONAL = {
+    'allantools', 'backports', 'bokeh', 'colcon_core', 'cyclonedds', 'distributed', 'lz4',
+    'matplotlib', 'mcap', 'mcap_ros2', 'pandas', 'periphery', 'pypdfium2', 'rosbags', 'xarray',
+}  # fmt: skip
+"""What only part of the tests needs and rosdep does not bring everywhere (docs/workspace.md)."""
+
+IMPORTED = re.compile(r'(?m)^(?:from|import) (\w+)')
+
+OF_ROS = (
+    r'(?m)^(from|import) (rclpy|\w+_msgs|std_srvs|builtin_interfaces|imu_bench\.nodes|'
+    r'msg_conversions import .*\bbuilding)\b'
+)
+"""What a file imports that cannot be imported without ROS 2."""
+
+
+@cache
+def missing_ros():
+    """Return why what needs ROS 2 cannot run here; empty if it can."""
+    with warnings.catch_warnings():
+        # the first node or message of rclpy imports a parser that uses a deprecated module
+        warnings.simplefilter('ignore', DeprecationWarning)
+        try:
+            import rosidl_generator_py  # noqa: F401, imported for its warning
+        except ModuleNotFoundError as error:
+            return f'needs ROS 2 ({error}): source an installation, or pip install .[ros]'
+    return ''
+
+
+def refuse(reason):
+    """Skip what is being collected or set up; fail in CI."""
+    (pytest.fail if os.environ.get('CI') else pytest.skip)(reason)
+
+
+@cache
+def missing(library):
+    """Return whether a library is not installed."""
+    return find_spec(library) is None
+
+
+def missing_for(text):
+    """Return why a file of tests or examples cannot be imported; empty if it can."""
+    for library in sorted(OPTIONAL.intersection(IMPORTED.findall(text))):
+        if missing(library):
+            return f'needs {library}, which is not installed'
+    return missing_ros() if re.search(OF_ROS, text) else ''
+
+
+class NotImportable(pytest.File):
+    """A file that cannot even be imported here."""
+
+    reason = ''
+
+    def collect(self):
+        """Say so."""
+        refuse(self.reason)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path, parent):
+    """Stand in for files that import what is not here, be they tests or examples."""
+    collected = yield
+    reason = missing_for(file_path.read_text(encoding='utf-8')) if collected else ''
+    if reason:
+        instead = NotImportable.from_parent(parent, path=file_path)
+        instead.reason = reason
+        return [instead]
+    return collected
+
+
+def pytest_runtest_setup(item):
+    """Stand in for tests that start nodes."""
+    if item.get_closest_marker('ros') and missing_ros():
+        refuse(missing_ros())
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """Skip a test that comes upon a library that is not here."""
+    try:
+        return (yield)
+    except Exception as error:
+        absent = error if isinstance(error, ModuleNotFoundError) else error.__cause__
+        name = (getattr(absent, 'name', None) or '').partition('.')[0]
+        if name in OPTIONAL and missing(name) and not os.environ.get('CI'):
+            pytest.skip(f'needs {name}, which is not installed')
+        raise

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers and long lists as people read them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+_SMALLEST = -3  # exponent of what is written without a power of ten beside its uncertainty
+_SUPERSCRIPT = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
+
+
+def count(things: int, name: str) -> str:
+    """
+    Return how many, with the plural where it belongs.
+
+    Examples
+    --------
+    >>> count(1, 'gap'), count(345, 'sample')
+    ('1 gap', '345 samples')
+    """
+    return f'{grouped(things)} {name}{"" if things == 1 else "s"}'
+
+
+def grouped(things: int) -> str:
+    r"""
+    Return a whole number in groups of three digits.
+
+    Examples
+    --------
+    >>> grouped(2880028)
+    '2\u202f880\u202f028'
+    """
+    return f'{things:,}'.replace(',', '\u202f')
+
+
+def listed(things: Sequence[object], most: int, between: str = ', ', last: str = ' and ') -> str:
+    """
+    Return the first things of a list, and how many more there are.
+
+    Examples
+    --------
+    >>> listed(['a', 'b', 'c', 'd'], 2), listed(['a', 'b'], 2)
+    ('a, b and 2 more', 'a, b')
+    """
+    left = len(things) - most
+    more = f'{last}{left} more' if left > 0 else ''
+    return between.join(map(str, things[:most])) + more
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return a number with this many significant digits."""
+    if value == 0.0:
+        return '0'
+    exponent = _exponent(value, digits)
+    if -4 <= exponent < 7:
+        return _fixed(value, digits - 1 - exponent)
+    mantissa = f'{value:.{digits - 1}e}'.partition('e')[0]  # dividing would not reach 1e-310
+    return f'{mantissa}{_power(exponent)}'
+
+
+def power_of_ten(exponent: int) -> str:
+    """Return a power of ten."""
+    return f'10{str(exponent).translate(_SUPERSCRIPT)}'
+
+
+def with_uncertainty(value: float, low: float | None, high: float | None) -> str:
+    """
+    Return a value and its interval.
+
+    The uncertainty has two digits, and the value as many decimals.  An interval that is not
+    symmetric about the value is written as an interval.
+
+    Examples
+    --------
+    >>> with_uncertainty(243.123, 242.7, 243.5), with_uncertainty(1.0, 0.8, 1.9)
+    ('243.12 ± 0.40', '1.0 (0.8 to 1.9)')
+    """
+    if low is None or high is None or low == high:
+        return number(value, 5)
+    down, up = value - low, high - value
+    half = 0.5 * (high - low)
+    if min(down, up) < 0.6 * max(down, up):
+        return _interval(value, low, high)
+    scale = _exponent(max(abs(value), half), 2)
+    if _SMALLEST <= scale < 7:
+        decimals = 1 - _exponent(half, 2)
+        return f'{_fixed(value, decimals)} ± {_fixed(half, decimals)}'
+    factor = 10.0**scale
+    decimals = 1 - _exponent(half / factor, 2)
+    return (
+        f'({_fixed(value / factor, decimals)} ± {_fixed(half / factor, decimals)}){_power(scale)}'
+    )
+
+
+def _interval(value: float, low: float, high: float) -> str:
+    step = min(abs(value - low) or math.inf, abs(high - value) or math.inf)
+    scale = _exponent(max(abs(low), abs(high)), 2)
+    factor, suffix = (1.0, '') if _SMALLEST <= scale < 7 else (10.0**scale, _power(scale))
+    decimals = 1 if math.isinf(step) else -_exponent(step / factor, 1)
+    if value != 0.0:  # two digits at least, or 5.3 would read as 5
+        decimals = max(decimals, 1 - _exponent(value / factor, 2))
+    shown = (_fixed(v / factor, decimals) for v in (value, low, high))
+    return '{} ({} to {}){}'.format(*shown, suffix)
+
+
+def _exponent(value: float, digits: int) -> int:
+    """Return the decimal exponent after rounding to this many digits: 9.99 has 1 for two."""
+    return int(f'{abs(value):.{digits - 1}e}'.partition('e')[2])
+
+
+def _fixed(value: float, decimals: int) -> str:
+    rounded = round(value, decimals) + 0.0  # no minus before zeros
+    return f'{rounded:.{max(decimals, 0)}f}'
+
+
+def _power(exponent: int) -> str:
+    return f'×{power_of_ten(exponent)}'

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who publishes a topic that belongs to one sensor, and who records it."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable
+import time
+
+import numpy as np
+import numpy.typing as npt
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+_PARTICIPANT = 12
+"""Bytes of a publisher's identity that all of one process share: OMG DDSI-RTPS 2.5, 8.2.4.1."""
+
+QUIET_NS = 1_000_000_000
+"""
+A node that was killed comes back no sooner: importing ROS 2 alone takes longer.  Who speaks
+while another of the same name still does is a second one.
+"""
+
+SETTLED_S = 1.0
+"""A message goes out at once, and in a block 0.05 s later: by then both have come."""
+
+KEPT_S = 10.0
+"""So long what came in blocks is known; single messages that come later are taken for foreign."""
+
+
+def process(publisher: TopicEndpointInfo) -> bytes:
+    """Return what identifies the process of a publisher."""
+    return bytes(publisher.endpoint_gid[:_PARTICIPANT])
+
+
+RECORDERS = ('recorder', 'rosbag2_recorder')
+"""Nodes that record: ours, and that of `ros2 bag record`."""
+
+UNNAMED = 'a program that is no node of ROS 2'
+
+
+def named(publisher: TopicEndpointInfo) -> str:
+    """Return the full name of the node of a publisher."""
+    name, space = publisher.node_name, publisher.node_namespace
+    # rmw: _NODE_NAME_UNKNOWN_, _CREATED_BY_BARE_DDS_APP_
+    if name.startswith(('_NODE_', '_CREATED_')):
+        return UNNAMED
+    return f'{space.rstrip("/")}/{name}'
+
+
+def recorders(subscribers: Iterable[TopicEndpointInfo]) -> list[str]:
+    """Return the names of the nodes that record, one for each process."""
+    found = {process(each): named(each) for each in subscribers if each.node_name in RECORDERS}
+    return sorted(found.values())
+
+
+def several(
+    publishers: Iterable[TopicEndpointInfo],
+    carriers: Iterable[TopicEndpointInfo] = (),
+    *,
+    interleaved: bool = False,
+) -> list[str]:
+    """
+    Return the names of all who publish a topic, if they are several; else nothing.
+
+    A node that was killed stays in the graph for a while, beside the one that was started in its
+    place: two of one name are several only if their messages are `interleaved`.
+    """
+    own = {process(each) for each in carriers}
+    every = list(publishers)
+    names = sorted({named(each) for each in every})
+    foreign = {named(each) for each in every if process(each) not in own}
+    if foreign and (own or len(foreign) > 1):
+        return names
+    if not interleaved:
+        return []
+    return names if len(names) > 1 else [f'{name}, twice' for name in names]
+
+
+class Ownership:
+    """
+    Whose blocks are those of a sensor.
+
+    One who speaks after another is its node, started again.  Two who speak at once are two, and
+    the first is the sensor.
+    """
+
+    def __init__(self) -> None:
+        self.interleaved = False
+        self._number: int | None = None
+        self._heard_ns = 0
+        self._before: set[int] = set()
+
+    def admits(self, publisher: int, published_ns: int) -> bool:
+        """Return whether a block is the sensor's own."""
+        if publisher != self._number:
+            quiet = published_ns - self._heard_ns > QUIET_NS
+            same = self._number is not None and publisher >> 32 == self._number >> 32
+            if not (self._number is None or quiet or same) or publisher in self._before:
+                self.interleaved = True
+                return False
+            if self._number is not None:
+                self._before.add(self._number)
+            self._number = publisher
+        self._heard_ns = max(self._heard_ns, published_ns)
+        return True
+
+
+class Apart:
+    """
+    Counts the messages of a topic that its sensor has not sent.
+
+    The sensor's own come in blocks as well; what does not is of somebody else.
+    """
+
+    def __init__(self) -> None:
+        self.foreign = 0
+        self._own: Counter[int] = Counter()
+        self._order: deque[tuple[float, int]] = deque()
+        self._waiting: deque[tuple[float, int]] = deque()
+
+    def own(self, messages: npt.NDArray[np.uint8], now_s: float | None = None) -> None:
+        """Take note of messages that the sensor has sent, shape (n, bytes)."""
+        now_s = time.monotonic() if now_s is None else now_s
+        for row in messages:
+            key = hash(row.tobytes())
+            self._own[key] += 1
+            self._order.append((now_s, key))
+        while self._order and now_s - self._order[0][0] > KEPT_S:
+            _, key = self._order.popleft()
+            del self._own[key]
+
+    def heard(self, messages: Iterable[bytes], now_s: float | None = None) -> None:
+        """Take note of single messages; whose they are is known a little later."""
+        now_s = time.monotonic() if now_s is None else now_s
+        self._waiting.extend((now_s, hash(message)) for message in messages)
+        self.settle(now_s)
+
+    def settle(self, now_s: float | None = None) -> None:
+        """Count those of others among the messages that have waited long enough."""
+        now_s = time.monotonic() if now_s is None else now_s
+        while self._waiting and now_s - self._waiting[0][0] > SETTLED_S:
+            _, key = self._waiting.popleft()
+            if self._own[key] > 0:
+                self._own[key] -= 1
+            else:
+                self.foreign += 1

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several recordings of one sensor as one: `analyze --pool`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from imu_bench.counting import listed
+from imu_bench.errors import DataError, RecordingError
+from imu_bench.metrology.coefficients import noise_density
+from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.noise_fit import fitted
+from imu_bench.metrology.pooling import pooled, Scatter, scatter
+from imu_bench.offline.analysis.axis_result import AxisResult
+from imu_bench.offline.analysis.results import RecordingResult
+from imu_bench.offline.comparing.runs import distinct
+from imu_bench.offline.health.check import ranked
+from imu_bench.offline.health.finding import Finding
+from imu_bench.offline.notation import date, number, text
+
+_NAMED = 4
+"""Names spelled out in one line."""
+
+COMPARED = ('N', 'B', 'K')
+"""Coefficients whose scatter from recording to recording is given, beside mean and σ."""
+
+
+def pool(results: Sequence[RecordingResult], confidence: float) -> list[RecordingResult]:
+    """
+    Return one result of every sensor that several recordings show, with its runs inside.
+
+    A sensor is a topic with a serial number, or whatever each file holds where a file holds
+    one.  What is in one recording only stays as it is.
+
+    Raises
+    ------
+    RecordingError
+        If no sensor is in two recordings, or rates or units differ.
+    """
+    sources = {result.source for result in results}
+    if len(sources) < 2:
+        raise RecordingError('--pool: give two recordings of a sensor or more')
+    of_one = len(sources) == len(results) and not _serials(results)
+    sensors: dict[tuple[str, str], list[RecordingResult]] = {}
+    for result in results:
+        key = ('', '') if of_one else (result.topic, result.serial)
+        sensors.setdefault(key, []).append(result)
+    if max(map(len, sensors.values())) < 2:
+        raise RecordingError(
+            '--pool: no topic is in two recordings with the same serial number; there are '
+            f'{listed(sorted({result.topic for result in results}), _NAMED)}'
+        )
+    return [
+        found[0] if len(found) == 1 else _sensor(found, confidence) for found in sensors.values()
+    ]
+
+
+def _serials(results: Sequence[RecordingResult]) -> set[str]:
+    """Return the serial numbers if sensors differ in them."""
+    found = {result.serial for result in results}
+    return found if len(found) > 1 else set()
+
+
+def run_names(runs: Sequence[RecordingResult]) -> list[str]:
+    """Return the names of the files of runs, with what is before them where they are the same."""
+    return distinct([run.source for run in runs])
+
+
+def _sensor(found: Sequence[RecordingResult], confidence: float) -> RecordingResult:
+    if all(date(one.start_ns) for one in found):  # seconds since power-up tell no order
+        found = sorted(found, key=lambda one: one.start_ns)
+    first = found[0]
+    axes = {}
+    for name in first.axes:
+        if all(name in one.axes for one in found):
+            try:
+                axes[name] = _axis([one.axes[name] for one in found], confidence)
+            except DataError as error:
+                raise RecordingError(f'--pool: {first.topic}, {name}: {error}') from error
+    finding = _differs({name: axis.between for name, axis in axes.items()}) or Finding(
+        'info',
+        'pooled',
+        f'{len(found)} recordings are pooled; N, B and K differ between them by no more than the '
+        'intervals of each explain.',
+        'The intervals of the pooled numbers hold for all of them.',
+        'None.',
+    )
+    every = [one.health for one in found]
+    health = replace(
+        first.health,
+        findings=ranked([finding, *_shared(found)]),
+        samples=sum(one.samples for one in every),
+        stored=sum(one.stored for one in every),
+        left_out=sum(one.left_out for one in every),
+        announced=None,
+        duration_s=sum(one.duration_s for one in every),
+        rate=_mean([one.rate for one in every], confidence),
+        jitter=_mean([one.jitter for one in every], confidence),
+        missing=sum(one.missing for one in every),
+        gap_count=sum(one.gap_count for one in every),
+        gaps=(),
+        duplicates=sum(one.duplicates for one in every),
+        order_faults=sum(one.order_faults for one in every),
+        motion=(),
+        temperature=(),
+        timing=None,
+    )
+    return replace(
+        first,
+        source=f'{len(found)} recordings',
+        topic=_topic(found),
+        end_ns=max(one.end_ns for one in found),
+        health=health,
+        axes=axes,
+        intervals=None,
+        rates={
+            name: _mean([one.rates[name] for one in found if name in one.rates], confidence)
+            for name in first.rates
+        },
+        runs=tuple(found),
+    )
+
+
+def _topic(found: Sequence[RecordingResult]) -> str:
+    """Return the topic, or the name that numbered files have in common."""
+    topics = {one.topic: one.topic.rstrip(' _-.0123456789') for one in found}
+    bare = set(topics.values())
+    return bare.pop() if len(topics) > 1 and len(bare) == 1 and '' not in bare else found[0].topic
+
+
+def _mean(estimates: Sequence[Estimate], confidence: float) -> Estimate:
+    """Return the mean over the runs; their scatter gives its interval."""
+    spread = scatter(estimates, confidence)
+    return estimates[0] if spread is None else spread.mean
+
+
+def _shared(found: Sequence[RecordingResult]) -> Iterator[Finding]:
+    """Yield every kind of finding of the runs once, and which of them have it."""
+    kinds: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
+    for name, one in zip(run_names(found), found, strict=True):
+        for finding in one.health.findings:
+            kinds.setdefault((finding.severity, finding.code), []).append((name, finding))
+    for several in kinds.values():
+        names = list(dict.fromkeys(name for name, _ in several))
+        told = several[0][1]
+        if len(names) < len(found) or len({finding.text for _, finding in several}) > 1:
+            who = f'{len(names)} of {len(found)} runs ({listed(names, _NAMED)})'
+            if len(names) > 1:
+                who += ', the first'
+            told = replace(told, text=f'{who}: {told.text}', count=None, border='')
+        if told.severity == 'severe' and len(names) < len(found):
+            told = replace(told, action=f'{told.action} Or pool the others without it.')
+        yield told
+
+
+def _axis(same: Sequence[AxisResult], confidence: float) -> AxisResult:
+    curves = [axis.allan for axis in same if axis.allan is not None]
+    curve = pooled(curves)
+    model = fitted(curve, confidence)
+    between = {
+        name: spread
+        for name in ('mean', 'std')
+        if (spread := scatter([axis.statistics[name] for axis in same], confidence)) is not None
+    }
+    between |= {
+        term: spread
+        for term in COMPARED
+        if (spread := scatter([axis.coefficient(term) for axis in same], confidence)) is not None
+    }
+    density = noise_density(model)
+    statistics = dict(same[0].statistics)
+    for name in statistics:
+        spread = between.get(name) or scatter([axis.statistics[name] for axis in same], confidence)
+        if spread is not None:
+            statistics[name] = spread.mean
+    return AxisResult(
+        name=same[0].name,
+        unit=same[0].unit,
+        statistics=statistics,
+        noise_density=density,
+        noise_density_methods={'allan': density},
+        allan=curve,
+        model=model,
+        between=between,
+    )
+
+
+def _differs(spread: Mapping[str, Mapping[str, Scatter]]) -> Finding | None:
+    found = [
+        f'{term} of {axis} by {number(one.excess.value or 0.0, 2)} times ({text(one.std)})'
+        for axis, by_term in spread.items()
+        for term, one in by_term.items()
+        if term in COMPARED and one.excess.low is not None and one.excess.low > 1.0
+    ]
+    if not found:
+        return None
+    return Finding(
+        'warning',
+        'recordings_differ',
+        'The recordings differ by more than the intervals within them explain: '
+        f'{"; ".join(found)}.',
+        'The intervals of the pooled numbers are those within recordings; another recording may '
+        'lie outside of them.',
+        'Use mean and scatter of the recordings (between_recordings in the JSON document), and '
+        'look for what changed.',
+    )

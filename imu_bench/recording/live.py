@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A running bench on the terminal: a table that changes, or lines where there is no terminal."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import TYPE_CHECKING
+
+from imu_bench.errors import NotReady
+from rich.console import Console
+from rich.live import Live
+
+if TYPE_CHECKING:
+    from imu_bench.recording.showing import Showing
+
+REFRESH_S = 0.5
+LINE_EVERY_S = float(os.environ.get('IMU_BENCH_LINE_EVERY_S', '10'))
+"""Where there is no terminal a line of text this often has to do."""
+
+
+def say(line: str, console: Console | None = None) -> None:
+    """Print a line on stderr, or wherever a console prints, as it is."""
+    (console or Console(stderr=True)).print(line, soft_wrap=True, markup=False, highlight=False)
+
+
+def show(showing: Showing, up_within_s: float) -> None:
+    """Show a recording until it is over."""
+    console = Console(stderr=True)
+    began = said = time.monotonic()
+    with Live(console=console, refresh_per_second=4, transient=False) as live:
+        while True:
+            for line in showing.look():
+                say(line, live.console)
+            if showing.begun_s is None and showing.ready():
+                showing.begin()
+            now = time.monotonic()
+            ran = None if showing.begun_s is None else now - showing.begun_s
+            if showing.over(ran):
+                break
+            if ran is None and now - began > up_within_s:
+                raise NotReady(f'no data after {up_within_s:g} s from: {showing.missing()}')
+            heading = showing.heading(ran)
+            if console.is_terminal:
+                live.update(showing.table(heading))
+            elif now - said > LINE_EVERY_S:
+                said = now
+                console.print(showing.line(heading), soft_wrap=True)
+            # the pace of the display, nothing waits for it
+            time.sleep(min(REFRESH_S, max(0.0, showing.left(ran))))

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The measured datasheet: what stands on the page stands on paper, with where it comes from."""
+
+import re
+import subprocess
+
+from imu_bench.cli.main import main
+import numpy as np
+import pypdfium2
+import pytest
+
+
+@pytest.fixture(scope='module')
+def written(tmp_path_factory):
+    """Return the folder with the datasheets of a sensor at rest, as `analyze` writes them."""
+    folder = tmp_path_factory.mktemp('sheets')
+    rng = np.random.default_rng(1)
+    names = [f'{q}.{a}' for q in ('linear_acceleration', 'angular_velocity') for a in 'xyz']
+    rows = np.empty((12_000, 7))
+    rows[:, 0] = 1_700_000_000.0 + np.arange(12_000) / 100.0
+    rows[:, 1:4] = rng.normal([0.0, 0.0, 9.80665], 0.02, (12_000, 3))
+    rows[:, 4:] = rng.normal(0.0, 1e-3, (12_000, 3))
+    chip = folder / 'chip.csv'
+    np.savetxt(chip, rows, fmt='%.9f', delimiter=',', header=','.join(['stamp_s', *names]),
+               comments='')  # fmt: skip
+    sheet = folder / 'maker.yaml'
+    sheet.write_text(
+        'chip: {source: XY-1 rev. 3, linear_acceleration: {noise_density: 300 µg/√Hz}}'
+    )
+    arguments = ['--datasheet', sheet, '--sheets', folder / 'out', '--pdf']
+    assert main(['analyze', *map(str, [chip, *arguments])]) == 0
+    return folder
+
+
+def words(page):
+    shown = re.sub(r'<(script|style)\b.*?</\1>|<[^>]*>', ' ', page, flags=re.DOTALL)
+    return ' '.join(shown.replace('\u00a0', ' ').split())
+
+
+def test_the_page_has_numbers_conditions_verdict_and_provenance(written):
+    said = words((written / 'out' / 'chip.html').read_text('utf-8'))
+    assert 'chip: measured datasheet' in said
+    # 0.02 m/s² at 100 Hz: 288 µg/√Hz one-sided
+    found = re.search(r'Noise density (\d+).*? µg/√Hz one-sided, 100\.0', said)
+    assert found, said
+    assert int(found[1]) == pytest.approx(288, rel=0.05)
+    assert '300 as specified' in said
+    assert 'Maker: XY-1 rev. 3' in said
+    for row in ('White noise N', 'Bias instability B', 'Rate random walk K',
+                'In-run bias stability', 'Minimum seen', 'Maximum seen'):  # fmt: skip
+        assert row.lower() in said.lower()
+    assert 'Data measured' in said
+    assert '2023-11-14' in said
+    assert 'imu-bench analyze' in said
+
+
+def test_the_sum_of_the_input_is_that_of_another_program(written):
+    said = words((written / 'out' / 'chip.html').read_text('utf-8'))
+    other = subprocess.run(
+        ['sha256sum', written / 'chip.csv'], capture_output=True, text=True, check=True
+    )
+    assert f'SHA-256 of chip.csv {other.stdout.split()[0]}' in said
+
+
+def test_paper_says_what_the_page_says(written):
+    with pypdfium2.PdfDocument(written / 'out' / 'chip.pdf') as paper:
+        assert len(paper) <= 2
+        size = paper[0].get_size()
+        text = ' '.join(' '.join(page.get_textpage().get_text_range().split()) for page in paper)
+    assert size == pytest.approx((595.3, 841.9), abs=0.5)  # points: A4 upright
+    page = words((written / 'out' / 'chip.html').read_text('utf-8'))
+    numbers = re.findall(r'[\d.]+ ± [\d.]+', page)
+    assert len(numbers) > 5
+    assert [n for n in numbers if n not in text] == []
+    assert 'SHA-256 of chip.csv' in text
+
+
+def test_pdf_wants_a_folder(capsys):
+    assert main(['analyze', 'x.csv', '--pdf']) == 1
+    assert '--sheets DIR' in capsys.readouterr().err
