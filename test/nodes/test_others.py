@@ -159,7 +159,9 @@ def test_two_recorders_name_each_other_and_each_has_all(ros, elsewhere, said, re
     for each, other in ((recorder, second), (second, recorder)):
         recording, health = recorded(each)
         (finding,) = [found for found in health.findings if found.code == 'several_recorders']
-        assert (finding.severity, finding.text) == ('warning', f'{line}{other.path}.')
+        whole = f'the samples themselves are whole: {recording.delivery.published} of '
+        assert finding.severity == 'severe'
+        assert finding.text.replace('\u202f', '').startswith(f'{line}{other.path}; {whole}')
         assert recording.delivery.missing == 0
 
 

@@ -174,6 +174,29 @@ def test_what_was_taken_out_is_named_to_the_message(whole, tmp_path, scattered, 
     assert finding.severity == ('severe' if scattered + at_end > 300 else 'warning')
 
 
+WHOLE = '; the samples themselves are whole: 6000 of 6000 messages are here'
+
+
+@pytest.mark.parametrize(
+    ('gone', 'more', 'words'),
+    [
+        (0, {}, WHOLE),
+        (3, {}, ''),
+        (0, {'lost': lambda published: published // 1000}, ''),
+        (0, {'dropped': lambda published: published // 1000}, ''),
+    ],
+    ids=['whole', 'lost on the way', 'lost in the sensor', 'not published'],
+)
+def test_two_recorders_are_severe_also_where_the_samples_are_whole(tmp_path, gone, more, words):
+    second = {'recorders': '/recorder, /recorder', 'second_bag': '/home/ann/night'}
+    bag = Recorded().sensor(**more).recorder(**second)
+    recording = read(bag.without(bag.messages()[100 : 100 + gone]).write(tmp_path / 'bag'))
+    (finding,) = [f for f in health.check(recording).findings if f.code == 'several_recorders']
+    line = 'several record this: /recorder, /recorder, another into /home/ann/night'
+    assert finding.severity == 'severe'
+    assert finding.text.replace('\u202f', '') == f'{line}{words}.'
+
+
 def test_another_recorder_leaves_the_same_traces(tmp_path):
     bag = Recorded().sensor()  # nobody says what the recorder has heard first
     messages = bag.messages()

@@ -19,10 +19,12 @@ from imu_bench.bags.problems import (
     SIMULATED,
     STAMPS,
 )
+from imu_bench.counting import grouped
 from imu_bench.metrology.stamps.timing import Timing
 from imu_bench.offline.health.finding import Finding
 from imu_bench.offline.notation import count, duration, number, percent, text
 from imu_bench.offline.recordings import Recording
+from imu_bench.offline.recordings.delivery import Delivery
 from imu_bench.offline.recordings.sifting import OUTER
 import numpy as np
 
@@ -150,7 +152,9 @@ def reading_findings(recording: Recording, problems: Sequence[str]) -> Iterator[
         if not (own and code_of(words) == COUNTS):  # compared below
             yield _remark(words)
     for words in recording.notes:
-        if code_of(words) not in _ELSEWHERE:
+        if code_of(words) == RECORDERS:
+            yield _two_recorders(words, recording.delivery)
+        elif code_of(words) not in _ELSEWHERE:
             yield _remark(words)
     yield from _counts(recording)
     yield from _left_out(recording)
@@ -195,15 +199,6 @@ def _remark(words: str) -> Finding:
             'End the others, or find out who they are, and record again; by itself imu-bench '
             'keeps a bench to this machine.',
         )
-    if code_of(words) == RECORDERS:
-        return Finding(
-            'warning',
-            RECORDERS,
-            f'{words}.',
-            'Each has all that the sensors sent; the machine had both to carry, and who asks '
-            'something of the recorder asks either of them.',
-            'Record a bench once, and give a second one a ROS_DOMAIN_ID of its own.',
-        )
     if code_of(words) == FLOODED:
         return Finding(
             'warning',
@@ -218,6 +213,21 @@ def _remark(words: str) -> Finding:
         f'{words}.',
         'None, if this is what you expect.',
         'Check how the recording was made, and the options.',
+    )
+
+
+def _two_recorders(words: str, delivery: Delivery | None) -> Finding:
+    whole = ''
+    if delivery is not None and delivery.whole:
+        sent = grouped(delivery.published)
+        whole = f'; the samples themselves are whole: {sent} of {sent} messages are here'
+    return Finding(
+        'severe',
+        RECORDERS,
+        f'{words}{whole}.',
+        'The bench was not alone: two bags claim to be the recording, the machine had both to '
+        'carry, and who asks something of the recorder asks either of them.',
+        'Record a bench once, and give a second one a ROS_DOMAIN_ID of its own.',
     )
 
 

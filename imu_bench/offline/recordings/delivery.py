@@ -85,6 +85,12 @@ class Delivery:
     # the longest of the stretches in which messages are missing, in the order of time
     worst: tuple[Stretch, ...] = ()
 
+    @property
+    def whole(self) -> bool:
+        """Whether everything that the sensor has measured is known to be in the bag."""
+        lost = self.missing, self.unclear, self.sensor, self.scripted, self.queue, self.disk
+        return not any((*lost, self.restarts))
+
 
 class Heard:
     """
