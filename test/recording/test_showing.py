@@ -51,6 +51,16 @@ def test_it_ends_when_the_time_is_over(running, now):
     assert running.showing.over(3600.0)
 
 
+def test_a_line_says_how_long_it_ran_what_is_left_and_the_rates(running, now, monkeypatch):
+    monkeypatch.setattr('imu_bench.recording.room.free_bytes', lambda bag: 40_000_000)
+    now.s += 20.0
+    assert running.showing.line(running.showing.heading(None)).startswith('starting: tilt ')
+    assert list(running.showing.look()) == ['0:00:20 WARNING: tilt: nothing heard for 5 s']
+    said = running.showing.line(running.showing.heading(20.0))
+    assert said.startswith('0:00:20 of 1:00:00, 0:59:40 left; 40.0 MB free: tilt ')
+    assert '/200' in said
+
+
 def test_it_ends_when_somebody_wishes_it(running):
     running.stop.asked = 'SIGTERM'
     assert running.showing.over(1.0)
