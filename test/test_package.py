@@ -159,7 +159,8 @@ def test_without_a_library_its_tests_are_skipped_with_its_name_and_fail_in_ci(tm
     )
 
     def run(**more):
-        own = {key: value for key, value in os.environ.items() if key != 'CI'} | more
+        outer = 'CI', 'PYTEST_ADDOPTS'  # colcon has options of its own
+        own = {key: value for key, value in os.environ.items() if key not in outer} | more
         return subprocess.run(
             [sys.executable, '-c', program], cwd=tmp_path, env=own, capture_output=True, text=True,
             check=False,
