@@ -10,6 +10,7 @@ several turns, on an otherwise idle machine: ten minutes and 4 GB of disk.
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Sequence
 import json
 from pathlib import Path
 from statistics import median
@@ -91,10 +92,29 @@ def simulated(folder: Path, sensors: int, minutes: float) -> Path:
 
 
 def analyse(path: Path, folder: Path, *, watched: bool = False) -> Measured:
-    """Run `imu-bench analyze` with a JSON document and a report."""
+    """Run `imu-bench analyze` with a JSON document and a report; what it took is in a file."""
     outputs = ['--json', str(folder / 'results.json'), '--html', str(folder / 'report.html')]
-    command = [*IMU_BENCH, 'analyze', str(path), '--cache', 'none', *outputs]
-    return run(command, watched=watched, stdout=subprocess.DEVNULL)
+    command = [*IMU_BENCH, 'analyze', str(path), '--cache', 'none', '--profile', *outputs]
+    with (folder / 'said.txt').open('w') as said:
+        return run(command, watched=watched, stdout=said)
+
+
+def profile(folder: Path) -> dict[str, float]:
+    """Return the processor seconds of every stage of the last analysis."""
+    _, _, table = (folder / 'said.txt').read_text('utf-8').rpartition('\nstage ')
+    rows = [line.split() for line in table.splitlines()[1:]]
+    return {name: float(seconds) for name, seconds, *_ in rows}
+
+
+def stages(bench: Benchmark, runs: Sequence[dict[str, float]], millions: float) -> None:
+    """Tell what each stage takes for itself, and more for each million messages."""
+    bench.head('stage', 's', 's per million messages', title='processor time, from both lengths')
+    bench.stored['stages'] = {}
+    for name, short in runs[0].items():
+        slope = (runs[1][name] - short) / (9.0 * millions)
+        fixed = short - slope * millions
+        bench.row(name, f'{fixed:.3f}', f'{slope:.4f}')
+        bench.stored['stages'][name] = {'fixed_s': fixed, 's_per_million_messages': slope}
 
 
 def script(path: Path, folder: Path) -> Measured:
@@ -110,7 +130,10 @@ def whole(bench: Benchmark, folder: Path, options: Namespace) -> None:
     minutes = options.minutes
     short, long = (simulated(folder, options.sensors, k * minutes) for k in (1.0, 10.0))
     # the files of the program are in memory from now on
-    peaks = [analyse(path, folder, watched=True).peak for path in (short, long)]
+    peaks, spent = [], []
+    for path in (short, long):
+        peaks.append(analyse(path, folder, watched=True).peak)
+        spent.append(profile(folder))
     near, far, theirs = [], [], []
     for _ in range(options.turns):
         near.append(analyse(short, folder).seconds)
@@ -126,6 +149,7 @@ def whole(bench: Benchmark, folder: Path, options: Namespace) -> None:
     bench.row(
         f'imu-bench analyze, {10 * minutes:g} min', f'{median(far):.2f}', f'{peaks[1] >> 20}'
     )
+    stages(bench, spent, options.sensors * minutes * 60.0 * RATE_HZ / 1e6)
     ratio = median(theirs) / ours
     bench.claim('whole analysis: times faster than the script', ratio, at_least=15.0)
     bench.claim('ten times the length: times the time', median(far) / ours, at_most=10.0)

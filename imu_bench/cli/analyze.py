@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imu_bench.errors import BenchError, ConfigError
+from imu_bench.offline import stages
 from imu_bench.terminal.arguments import (
     add_reading,
     check_folder,
@@ -51,6 +52,9 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument(
         '--cache', metavar='DIR', help='keep the columns of recordings there; none for nothing'
+    )
+    parser.add_argument(
+        '--profile', action='store_true', help='show what each stage took, time and memory'
     )
     parser.set_defaults(run=run)
 
@@ -131,6 +135,13 @@ def _add_writing(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Analyse the inputs and return the exit code."""
+    code = _analyse(arguments)
+    if arguments.profile:
+        print(stages.table())
+    return code
+
+
+def _analyse(arguments: argparse.Namespace) -> int:
     # imported here and below: help must not wait for scipy, nor reading for the report
     from imu_bench.offline.running import one_thread_each
 
@@ -196,6 +207,7 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
             check_folder(folder)
 
 
+@stages.stage('page')
 def _present(
     analysis: Analysis, settings: Settings, arguments: argparse.Namespace, sheets: Datasheets
 ) -> int:

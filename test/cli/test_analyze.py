@@ -4,7 +4,9 @@
 import json
 import os
 import re
+import time
 
+from imu_bench.offline import stages
 from imu_bench.offline.analysis import results
 import numpy as np
 import pytest
@@ -33,6 +35,47 @@ def test_table_json_and_report(imu_bench, write_csv, tmp_path, monkeypatch):
     std = recording.axes['linear_acceleration.x'].statistics['std']
     assert std.value == pytest.approx(0.02, rel=0.02)
     assert report.read_text(encoding='utf-8').startswith('<!DOCTYPE html>')
+
+
+def test_what_each_stage_took_on_request(imu_bench, write_csv):
+    """Held against the clock of this process, which does all of the work itself."""
+    stages.table()  # what other tests have spent
+    before = time.process_time()
+    code, out, err = imu_bench('analyze', write_csv(n=2000), '--jobs', '1', '--profile')
+    spent = time.process_time() - before
+    assert (code, err) == (0, '')
+    _, _, table = out.rpartition('\nstage ')
+    rows = {name: list(map(float, row)) for name, *row in map(str.split, table.splitlines()[1:])}
+    seconds, rates, peaks = zip(*rows.values(), strict=True)
+    assert list(rows)[:-1] == list(stages.STAGES)
+    assert min(seconds) >= 0.0
+    assert min(peaks) > 0
+    assert sum(seconds[:-1]) == pytest.approx(seconds[-1], abs=0.01)
+    assert sum(seconds[1:-1]) <= spent
+    assert rates == pytest.approx(np.array(seconds) / 2e-3, abs=0.5)
+    assert peaks[-1] == max(peaks[:-1])
+
+
+def test_stages_inside_one_another_count_once():
+    """Work of a known share; the clock is that of the processor."""
+
+    def work(seconds):
+        end = time.process_time() + seconds
+        while time.process_time() < end:
+            pass
+
+    before = time.process_time()
+    stages.table()
+    with stages.stage('fits'):
+        work(0.02)
+        with stages.stage('read'):
+            work(0.04)
+    _, account = stages.accounted(work, 0.01)
+    assert account.seconds['fits'] >= 0.02
+    assert account.seconds['read'] >= 0.04
+    assert account.seconds['start'] >= 0.01
+    assert sum(account.seconds.values()) <= time.process_time() - before
+    assert stages.accounted(len, '')[1].seconds['read'] == 0.0
 
 
 def test_si_units_on_request(imu_bench, write_csv):

@@ -20,6 +20,7 @@ from imu_bench.offline.analysis.axis_result import AxisResult, Density, Envelope
 from imu_bench.offline.analysis.checks import examine, hear, NO_CHECKS, Signal, slow_part
 from imu_bench.offline.analysis.settings import Settings
 from imu_bench.offline.health.finding import FALSE_ALARM
+from imu_bench.offline.stages import stage
 import numpy as np
 import numpy.typing as npt
 
@@ -29,6 +30,7 @@ Bools = npt.NDArray[np.bool_]
 _BINS = 80
 
 
+@stage('statistics')
 def measure(axis: Axis, grid: Grid, start_s: float, settings: Settings) -> AxisResult:
     """Return everything that is measured on one axis."""
     kept = _kept(axis.values, grid)
@@ -39,24 +41,31 @@ def measure(axis: Axis, grid: Grid, start_s: float, settings: Settings) -> AxisR
         settled = statistics.without_spikes(axis.values, axis.spikes)
         std = statistics.describe(_kept(settled, grid), axis.unit, settings.confidence).std
     placed, valid = _placed(settled, grid)
-    curve = allan.deviation(
-        placed,
-        rate,
-        tau=settings.taus or 'log',
-        valid=valid,
-        unit=axis.unit,
-        confidence=settings.confidence,
-        min_share=settings.min_share,
-        # whoever has several cores works on several axes
-        threads=1,
-    )
+    with stage('deviations'):
+        curve = allan.deviation(
+            placed,
+            rate,
+            tau=settings.taus or 'log',
+            valid=valid,
+            unit=axis.unit,
+            confidence=settings.confidence,
+            min_share=settings.min_share,
+            # whoever has several cores works on several axes
+            threads=1,
+        )
     constant = summary.minimum.value == summary.maximum.value
     signal = Signal(placed, valid, rate, axis.unit, start_s)
-    fit = fitted(curve, settings.confidence)
-    blocks = None if constant else slow_part(signal)
-    heard = None if blocks is None else hear(fit, signal, blocks, settings.confidence)
-    model = fit if heard is None else judged(fit, *heard, curve)
-    spread = None if constant else _spectrum(placed, rate, axis.unit, valid, settings)
+    with stage('fits'):
+        fit = fitted(curve, settings.confidence)
+        blocks = None if constant else slow_part(signal)
+        heard = None if blocks is None else hear(fit, signal, blocks, settings.confidence)
+        model = fit if heard is None else judged(fit, *heard, curve)
+        checks = NO_CHECKS
+        if blocks is not None:
+            checks = examine(signal, blocks, curve, fit, heard, model, settings.confidence)
+    with stage('spectra'):
+        spread = None if constant else _spectrum(placed, rate, axis.unit, valid, settings)
+        psd = None if spread is None else _density(spread)
     density = coefficients.noise_density(model)
     methods = {'allan': density} | _other_densities(std, spread, rate, settings.confidence)
     return AxisResult(
@@ -67,11 +76,9 @@ def measure(axis: Axis, grid: Grid, start_s: float, settings: Settings) -> AxisR
         noise_density_methods=methods,
         allan=curve,
         model=model,
-        psd=None if spread is None else _density(spread),
+        psd=psd,
         choice=None if heard is None else heard[0],
-        checks=NO_CHECKS
-        if blocks is None
-        else examine(signal, blocks, curve, fit, heard, model, settings.confidence),
+        checks=checks,
         outliers=summary.outliers.count,
         histogram=None if constant else normality.histogram(kept, axis.unit, _BINS),
         envelope=envelope(axis.values, grid, start_s),

@@ -12,7 +12,7 @@ from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.likelihood.verdict import told
 from imu_bench.metrology.stamps import timing
 from imu_bench.metrology.stamps.timing import Grid
-from imu_bench.offline import health
+from imu_bench.offline import health, stages
 from imu_bench.offline.analysis.axes import axes, Axis
 from imu_bench.offline.analysis.axis import intervals, measure
 from imu_bench.offline.analysis.axis_result import AxisResult
@@ -64,6 +64,7 @@ class Prepared:
     settings: Settings
 
 
+@stages.stage('health')
 def prepare(recording: Recording, settings: Settings, problems: Sequence[str] = ()) -> Prepared:
     """
     Return the health of a recording and what is to be measured on it.

@@ -19,6 +19,7 @@ from imu_bench.bags.problems import (
 )
 from imu_bench.counting import listed
 from imu_bench.errors import RecordingError
+from imu_bench.offline import stages
 from imu_bench.offline.recordings import simulated
 from imu_bench.offline.recordings.delivery import Delivery
 from imu_bench.offline.recordings.gathering import Allocate, Gathered
@@ -78,6 +79,7 @@ def load(source: Source, topic: Topic | str, progress: Progress | None = None) -
     return load_all(source, (topic,), progress)[0]
 
 
+@stages.stage('read')
 def load_all(
     source: Source,
     topics: Sequence[Topic | str],
@@ -100,6 +102,7 @@ def load_all(
     for name, chunk in source.reader.chunks(tuple(wanted.values()), source.problems):
         gathered[name].add(chunk)
         done += len(chunk)
+        stages.count(len(chunk))
         if progress is not None:
             progress(done, max(done, expected))
     missing = [topic for name, topic in wanted.items() if not gathered[name].size]

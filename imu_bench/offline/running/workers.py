@@ -18,6 +18,7 @@ import threading
 from typing import Any, cast, Generic, Protocol, TypeVar
 
 from imu_bench.errors import BenchError, RecordingError
+from imu_bench.offline import stages
 from imu_bench.offline.running import one_thread_each
 from imu_bench.offline.running.mapped import attach, locate, MappedLimit
 import numpy as np
@@ -97,10 +98,13 @@ class Processes:
     def submit(self, function: Callable[..., Answer], *arguments: Any) -> Future[Answer]:
         """Begin a piece of work in one of the processes; in new ones if one was killed."""
         try:
-            return self._pool.submit(function, *arguments)
+            begun = self._pool.submit(stages.accounted, function, *arguments)
         except BrokenProcessPool:
             self._pool = _pool(self.jobs)
-            return self._pool.submit(function, *arguments)
+            begun = self._pool.submit(stages.accounted, function, *arguments)
+        answer: Future[Answer] = Future()
+        begun.add_done_callback(lambda done: _answered(done, answer))
+        return answer
 
     def __enter__(self) -> Processes:
         if _context().get_start_method() == 'forkserver':
@@ -197,6 +201,18 @@ def _end_with(sentinel: int) -> None:
     os._exit(1)
 
 
+def _answered(done: Future[tuple[Answer, stages.Account]], answer: Future[Answer]) -> None:
+    """Pass on what came of a piece of work, and book what it took."""
+    if done.cancelled():
+        answer.cancel()
+    elif (problem := done.exception()) is not None:
+        answer.set_exception(problem)
+    else:
+        found, spent = done.result()
+        stages.book(spent)
+        answer.set_result(found)
+
+
 def _reduced(array: npt.NDArray[Any]) -> Any:
     """Return how an array is sent to another process: of a mapped one, where it lies."""
     place = locate(array)
@@ -250,7 +266,7 @@ class Cluster:
     def submit(self, function: Callable[..., Answer], *arguments: Any) -> Future[Answer]:
         """Begin a piece of work somewhere."""
         answer: Future[Answer] = Future()
-        begun = self._executor.submit(function, *arguments)
+        begun = self._executor.submit(stages.accounted, function, *arguments)
         begun.add_done_callback(lambda done: _pass_on(done, answer))
         return answer
 
@@ -262,13 +278,10 @@ class Cluster:
         self._client.close()
 
 
-def _pass_on(done: Future[Answer], answer: Future[Answer]) -> None:
-    if done.cancelled():
-        answer.cancel()
-    elif (problem := done.exception()) is None:
-        answer.set_result(done.result())
-    elif isinstance(problem, BenchError | OSError | MemoryError):
-        answer.set_exception(problem)
+def _pass_on(done: Future[tuple[Answer, stages.Account]], answer: Future[Answer]) -> None:
+    problem = None if done.cancelled() else done.exception()
+    if problem is None or isinstance(problem, BenchError | OSError | MemoryError):
+        _answered(done, answer)
     else:  # of the cluster: a worker died, or has another version
         reason = ' '.join(str(problem).split()) or type(problem).__name__
         answer.set_exception(RecordingError(f'the cluster could not do it: {reason}'))
