@@ -7,6 +7,8 @@ import os
 os.environ.setdefault('OMP_NUM_THREADS', '1')
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
+from imu_bench.nodes import network
+
 # nodes of a benchmark hear nobody else, and nobody hears them; 1 to 101 are safe on Linux
-os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+network.apply(network.variables(network.ALONE, {}))
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))

@@ -270,8 +270,6 @@ def main() -> int:
     run.add_size('--seconds', 60.0, quick=2.0, help='that every stage is measured')
     run.add_size('--window', 600.0, quick=5.0, help='seconds of the analysis window')
     options = run.start()
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     seconds = options.seconds
     with TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)

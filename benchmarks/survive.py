@@ -60,8 +60,6 @@ def main() -> int:
         + ', '.join(ROWS),
     )  # fmt: skip
     options = bench.start()
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     names = options.only or (QUICK if bench.quick else tuple(ROWS))
     widest = max(map(len, names))
     bench.head(f'{"row":{widest}}', 'samples', 'missing', 'on the way', 'not said', 'exit', 'load')

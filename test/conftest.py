@@ -10,12 +10,13 @@ from pathlib import Path
 import re
 import tempfile
 
+# each worker of the tests is one core; said before anything imports numpy
+os.environ.setdefault('OMP_NUM_THREADS', '1')
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+os.environ.setdefault('MKL_NUM_THREADS', '1')
+
 from imu_bench.nodes import network
 import pytest
-
-# each worker of the tests is one core; said before anything imports numpy
-for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
-    os.environ.setdefault(name, '1')
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -50,9 +51,7 @@ def own_domain(config):
 
 def pytest_configure(config):
     """Keep ROS 2 on this machine and strict, before anything imports rclpy."""
-    os.environ.update(network.variables(network.ALONE, {}))
-    for name in network.CLEARED:
-        del os.environ[name]
+    network.apply(network.variables(network.ALONE, {}))
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
     os.environ['ROS_DOMAIN_ID'] = str(own_domain(config))
 

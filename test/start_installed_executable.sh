@@ -9,7 +9,8 @@ set +u
 COLCON_CURRENT_PREFIX=$1
 . "$1/setup.sh"
 set -u
-export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
+export ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT
+export FASTRTPS_DEFAULT_PROFILES_FILE="$prefix/share/imu_bench/config/network/alone.xml"
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 

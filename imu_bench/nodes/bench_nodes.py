@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from imu_bench.config import BenchConfig, SensorConfig
+from imu_bench.nodes import network
 from imu_bench.nodes.bench_node import RECORDED
 from imu_bench.nodes.processes import BenchProcesses
 from imu_bench.nodes.topic_names import MEASURED
@@ -42,11 +43,7 @@ def environment(
     own = {**defaults, 'ROS_LOG_DIR': str(logs.resolve())}
     for name, value in own.items():
         os.environ.setdefault(name, value)
-    for name, value in chosen.items():
-        if value:
-            os.environ[name] = value
-        else:
-            os.environ.pop(name, None)
+    network.apply(chosen)
     # one thread each: the sensors share the cores, and numpy's pools would only fight
     return {**os.environ, 'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
 

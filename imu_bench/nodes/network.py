@@ -89,6 +89,15 @@ def variables(network: str, environment: Mapping[str, str] = os.environ) -> dict
     }
 
 
+def apply(chosen: Mapping[str, str]) -> None:
+    """Put this process's ROS 2 into the environment that `variables` has returned."""
+    for name, value in chosen.items():
+        if value:
+            os.environ[name] = value
+        else:
+            os.environ.pop(name, None)
+
+
 def words(environment: Mapping[str, str] = os.environ) -> str:
     """
     Say who reaches nodes with this environment.

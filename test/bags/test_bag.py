@@ -90,9 +90,15 @@ def test_a_single_file_is_a_bag(split_bag):
     assert found
 
 
-def test_damaged_metadata_is_said_and_the_files_are_scanned(split_bag):
+LINES = [f'a{n}: &a{n} [{", ".join([f"*a{n - 1}"] * 10)}]' for n in range(1, 8)]
+BOMB = '\n'.join(['a0: &a0 [x, x, x, x, x, x, x, x, x, x]', *LINES])
+"""Half a KiB that stands for a hundred million entries."""
+
+
+@pytest.mark.parametrize('text', ['rosbag2_bagfile_information: [', BOMB], ids=['cut', 'grows'])
+def test_damaged_metadata_is_said_and_the_files_are_scanned(split_bag, text):
     path, expected = split_bag
-    (path / 'metadata.yaml').write_text('rosbag2_bagfile_information: [')
+    (path / 'metadata.yaml').write_text(text)
     assert read(path) == expected
     assert 'damaged' in Bag(path).problems[0]
     assert 'the files are scanned' in Bag(path).problems[0]

@@ -102,6 +102,38 @@ def test_an_error_is_one_line(imu_bench, verb, error, code, line):
     assert imu_bench() == (code, '', line)
 
 
+BOMB = '\n'.join(
+    ['a0: &a0 [x, x, x, x, x, x, x, x, x, x]']
+    + [f'a{n}: &a{n} [{", ".join([f"*a{n - 1}"] * 10)}]' for n in range(1, 6)]
+)
+"""Half a KiB that stands for a million entries."""
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        pytest.param(('demo', 'bomb.yaml'), marks=pytest.mark.ros),
+        ('doctor', 'bomb.yaml'),
+        ('simulate', 'bomb.yaml', '-o', 'out'),
+        ('simulate', 'machine_vibration', '--scenario', 'bomb.yaml', '-o', 'out'),
+        ('campaign', 'bomb.yaml', '-o', 'out'),
+        ('record', 'bomb.yaml', '-o', 'out'),
+        ('record', 'bench.yaml', '-o', 'out'),
+        ('analyze', 'still.csv', '--datasheet', 'bomb.yaml'),
+    ],
+    ids=' '.join,
+)
+def test_yaml_that_grows_is_one_line(imu_bench, tmp_path, monkeypatch, arguments):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'bomb.yaml').write_text(BOMB)
+    (tmp_path / 'bench.yaml').write_text('name: one\nsensors: [{file: bomb.yaml}]')
+    (tmp_path / 'still.csv').write_text('0,0,9.8\n' * 100)
+    code, out, err = imu_bench(*arguments)
+    assert (code, out, len(err.splitlines())) == (1, '', 1), err
+    assert err.startswith('imu-bench: error: bomb.yaml: not YAML: it has more than 100000 entries')
+    assert not (tmp_path / 'out').exists()
+
+
 def run_with(encoding, *arguments):
     return subprocess.run(
         [sys.executable, '-m', 'imu_bench.cli.main', *map(str, arguments)],

@@ -6,7 +6,6 @@ What the bag lacks is found by rosbags and the sensors' own stamps.
 """
 
 from functools import partial
-import os
 
 import pytest
 
@@ -19,10 +18,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 @pytest.fixture
-def stage(tmp_path, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    if 'ROS_DOMAIN_ID' not in os.environ:
-        monkeypatch.setenv('ROS_DOMAIN_ID', str(102 + os.getpid() % 100))
+def stage(tmp_path):
     return Stage(tmp_path, seconds=4.0, quick=True, kills=1, suspended_s=2.0, seed=25)
 
 

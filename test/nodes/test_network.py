@@ -33,6 +33,14 @@ OF_CYCLONE = (
 )
 
 
+LED_OUT = {
+    'ROS_STATIC_PEERS': namespaces.AWAY,
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+    'ROS_DISCOVERY_SERVER': f'{namespaces.AWAY}:11811',
+    'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
+}
+"""Variables of a shell that is made to reach other machines."""
+
 OPEN = '/bench/open/imu/data_raw'
 UP = '0:00:0'
 """In the lines of a recording that has begun."""
@@ -69,11 +77,12 @@ def control(hosts):
 
 @pytest.fixture(scope='class', params=['record', 'demo'])
 def alone(request, permitted, tmp_path_factory):
-    """Give a bench that runs as it does by itself, for several tests to look at."""
+    """Give a bench that runs as it does by itself, the demo in a shell that leads out."""
     folder = tmp_path_factory.mktemp(request.param)
     command = verb(request.param, bench(folder), '-o', folder / 'out', '--duration', '600')
     here = command if isinstance(permitted, str) else permitted.at_home(*command)
-    with running(here, UP, IMU_BENCH_LINE_EVERY_S='0.5') as process:
+    shell = LED_OUT if request.param == 'demo' else {}
+    with running(here, UP, IMU_BENCH_LINE_EVERY_S='0.5', **shell) as process:
         yield process
         code, output = ended(process)
     assert code == 0, output
