@@ -44,9 +44,6 @@ BENCH = 'machine_vibration'
 RATES = (400.0, 1000.0, 952.0, 100.0, 1344.0, 1000.0)
 """Hz, of its six sensors."""
 
-SETTLING_S = 5.0
-"""Start-up, discovery and the first fits of the clock models are not counted."""
-
 SPEED = 12.0
 """How much faster than time the window of the analysis is filled by blocks of a stand-in."""
 
@@ -120,12 +117,12 @@ class Floor:
         self._process.communicate()
 
 
-def floors(seconds: float) -> tuple[Stage, Stage]:
+def floors(seconds: float, settling_s: float) -> tuple[Stage, Stage]:
     """Return what publishing ready-made bytes costs, and what taking them does."""
     topics = [topic(number) for number in range(len(RATES))]
     with Floor('take', *topics) as taker, Floor('publish', *map(str, RATES)) as publisher:
         wait_for(lambda: taker.count() > 0, 60.0)
-        time.sleep(SETTLING_S)
+        time.sleep(settling_s)
         meters = Meter([publisher.pid]), Meter([taker.pid])
         before = publisher.count(), taker.count()
         time.sleep(seconds)
@@ -154,18 +151,20 @@ class Whole:
     samples: int
 
 
-def whole(folder: Path, seconds: float, *more: str, verb: str = 'demo') -> Whole:
+def whole(
+    folder: Path, seconds: float, settling_s: float, *more: str, verb: str = 'demo'
+) -> Whole:
     """Record as users do, and measure every process."""
-    with Recording(folder, BENCH, seconds + 2 * SETTLING_S, verb=verb, more=more) as recording:
+    with Recording(folder, BENCH, seconds + 2 * settling_s, verb=verb, more=more) as recording:
         recording.wait_begun()
-        recording.pass_time(SETTLING_S)
+        recording.pass_time(settling_s)
         roles = recording.look()
         meters = {
             role: Meter([pid for pid, own in roles.items() if own == role])
             for role in set(roles.values())
         }
         began_ns = time.time_ns()
-        recording.pass_time(SETTLING_S + seconds)
+        recording.pass_time(settling_s + seconds)
         if recording.code is not None:
             raise SystemExit(f'the recording ended: {recording.said()}')
         used = {role: meter.stage(1.0) for role, meter in meters.items()}
@@ -199,7 +198,7 @@ def sensors(folder: Path) -> Iterator[list[int]]:
         processes.stop()
 
 
-def publishing(folder: Path, seconds: float) -> dict[str, tuple[Stage, Stage]]:
+def publishing(folder: Path, seconds: float, settling_s: float) -> dict[str, tuple[Stage, Stage]]:
     """Return what publishing and reading take, without and with a subscriber to every topic."""
     found = {}
     rate = sum(RATES)
@@ -208,14 +207,14 @@ def publishing(folder: Path, seconds: float) -> dict[str, tuple[Stage, Stage]]:
         for sensor in load_bench(config_file(f'benches/{BENCH}.yaml')).sensors
     ]
     with sensors(folder) as (node, *readers):
-        time.sleep(SETTLING_S)
+        time.sleep(settling_s)
         meters = Meter([node]), Meter(readers)
         time.sleep(seconds)
         alone = [meter.stage(rate * meter.passed_s) for meter in meters]
         found['nobody'] = alone[0], alone[1]
         with Floor('take', *topics) as taker:
             wait_for(lambda: taker.count() > 0, 60.0)
-            time.sleep(SETTLING_S)
+            time.sleep(settling_s)
             meters, before = (Meter([node]), Meter(readers)), taker.count()
             time.sleep(seconds)
             taken = taker.count() - before
@@ -267,21 +266,23 @@ def n_body_step_s() -> float:
 
 def main() -> int:
     run = Benchmark(__doc__)
-    run.add_size('--seconds', 60.0, quick=2.0, help='that every stage is measured')
+    run.add_size('--seconds', 60.0, quick=1.5, help='that every stage is measured')
+    # start-up, discovery and the first fits of the clock models
+    run.add_size('--settling', 5.0, quick=0.5, help='seconds before them that are not counted')
     run.add_size('--window', 600.0, quick=5.0, help='seconds of the analysis window')
     options = run.start()
-    seconds = options.seconds
+    seconds, settling_s = options.seconds, options.settling
     with TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
         places = [folder / part for part in ('demo', 'direct', 'logs')]
         for place in places:
             place.mkdir()
-        floor, least = floors(seconds)
+        floor, least = floors(seconds, settling_s)
         with ProcessPoolExecutor(1, multiprocessing.get_context('spawn')) as pool:
             driven, emulated = pool.submit(apart, seconds).result()
-        heard = publishing(places[2], seconds)
-        demo = whole(places[0], seconds)
-        direct = whole(places[1], seconds, '--direct', verb='record')
+        heard = publishing(places[2], seconds, settling_s)
+        demo = whole(places[0], seconds, settling_s)
+        direct = whole(places[1], seconds, settling_s, '--direct', verb='record')
         window = full_window(places[2], options.window)
 
     run.head('stage                                    ', 'µs/sample', 'cores')
