@@ -29,7 +29,7 @@ from imu_bench.config.schema import Checkable
 from imu_bench.drivers.driver import Driver
 from imu_bench.errors import ConfigError, RecordingError
 from imu_bench.samples import Samples
-from imu_bench.wires import kind_of_bus, shared_wire
+from imu_bench.wires import addresses_of, kind_of_bus, shared_wire
 
 if TYPE_CHECKING:
     from imu_bench.emulators.line import Line, Wire
@@ -357,7 +357,12 @@ def emulated_buses(
     beginning: Beginning | None = None,
     wire: Wire | None = None,
 ) -> Mapping[str, Any]:
-    """Return the emulated buses of a sensor, on a line or wire to share; it is switched on now."""
+    """
+    Return the emulated buses of a sensor, switched on now, on a line or wire to share.
+
+    On a wire its dies are at their addresses; on a line, which is for finding out how much time
+    sensors need on it, nobody is at the address of another.
+    """
     from imu_bench import emulators
     from imu_bench.simulation.world import sensor_source
 
@@ -370,5 +375,6 @@ def emulated_buses(
     if (kind := kind_of_bus(sensor)) in ('spi', 'frame'):
         options['speed_hz'] = sensor.spi_hz
     return emulators.create(
-        sensor.driver, kind, source, clock, line=line, wire=wire, lines=sensor.lines, **options
-    )
+        sensor.driver, kind, source, clock, line=line, wire=wire, lines=sensor.lines,
+        addresses=addresses_of(sensor) if wire is not None else None, **options,
+    )  # fmt: skip

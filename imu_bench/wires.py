@@ -12,8 +12,9 @@ from weakref import WeakKeyDictionary
 from imu_bench import drivers
 from imu_bench.bus.clock import SystemClock
 from imu_bench.bus.interface import Clock
-from imu_bench.bus.opening import kind_among
+from imu_bench.bus.opening import at_addresses, kind_among
 from imu_bench.config import SensorConfig
+from imu_bench.errors import ConfigError
 
 if TYPE_CHECKING:
     from imu_bench.emulators.line import Wire
@@ -39,6 +40,30 @@ def kind_of_bus(sensor: SensorConfig) -> str:
     kinds = drivers.load(sensor.driver).bus_kinds
     kind = sensor.bus if sensor.bus in ('', *kinds) else kind_among(sensor.bus, kinds)
     return kind or kinds[0]
+
+
+def addresses_of(sensor: SensorConfig) -> dict[str, int]:
+    """
+    Return at which address each die of a sensor answers; nothing on another wire than I²C.
+
+    Raises
+    ------
+    ConfigError
+        If its chip cannot have such an address.
+
+    Examples
+    --------
+    >>> addresses_of(SensorConfig('a', 'lsm9ds1', 'emulated', 'i2c-1', second_address=0x1E))
+    {'': 106, 'magnetometer': 30}
+    """
+    if kind_of_bus(sensor) != 'i2c':
+        return {}
+    wiring = drivers.load(sensor.driver).wiring
+    try:
+        meant = at_addresses(wiring, sensor.address, sensor.second_address)
+    except ConfigError as error:
+        raise ConfigError(f'{sensor.name}: {error}') from error
+    return {part: one.i2c_addresses[0] for part, one in meant.items() if one.i2c_addresses}
 
 
 def wire_of(sensor: SensorConfig) -> str:

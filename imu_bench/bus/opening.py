@@ -132,7 +132,7 @@ def open_bus(
         return {'': DaqHat(device)}
     path = device if device.startswith('/') else f'/dev/{device}'
     if kind == 'i2c':
-        wiring = _at_addresses(wiring, address, second_address)
+        wiring = at_addresses(wiring, address, second_address)
     elif spi_hz is not None:
         wiring = {part: _clocked(wires, spi_hz) for part, wires in wiring.items()}
     buses: dict[str, Bus] = {}
@@ -174,10 +174,22 @@ def _open_one(
     return frames if kind == 'frame' else SpiRegisterBus(frames, wiring)
 
 
-def _at_addresses(
+def at_addresses(
     wiring: Mapping[str, Wiring], address: int | None, second_address: int | None
 ) -> dict[str, Wiring]:
-    """Return the wiring with the address of each die that is meant, and no other."""
+    """
+    Return the wiring with the I²C address of each die that is meant, and no other.
+
+    Parameters
+    ----------
+    wiring, address, second_address
+        As in `open_bus`.
+
+    Raises
+    ------
+    ConfigError
+        If the chip cannot have such an address.
+    """
     strap = _strap(wiring[''], address)
     meant = {}
     for part, wires in wiring.items():

@@ -118,13 +118,10 @@ def _checks(sensors: tuple[SensorConfig, ...]) -> tuple[SensorCheck, ...]:
     places: dict[tuple[str, int | None], str] = {}
     checks = []
     for sensor in sensors:
-        if sensor.backend != 'hardware':
+        if sensor.backend not in ('hardware', 'emulated') or not wires.wire_of(sensor):
             checks.append(_check(sensor))
             continue
-        usual = drivers.load(sensor.driver).wiring[''].i2c_addresses[:1]
-        on_i2c = wires.kind_of_bus(sensor) == 'i2c'
-        address = (sensor.address or usual[0]) if on_i2c else None
-        place = PurePosixPath(sensor.bus).name, address
+        place = PurePosixPath(sensor.bus).name, wires.addresses_of(sensor).get('')
         owner = places.setdefault(place, sensor.name)
         if owner == sensor.name:
             checks.append(_check(sensor))

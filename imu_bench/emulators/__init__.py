@@ -40,6 +40,7 @@ def create(
     wire: Wire | None = None,
     speed_hz: float | None = None,
     lines: Collection[str] = (),
+    addresses: Mapping[str, int] | None = None,
     **options: Any,
 ) -> Mapping[str, Any]:
     """
@@ -64,6 +65,9 @@ def create(
         one of the chip), 115200 baud.
     lines : collection of str
         Lines of the computer at pins of the chip, of `LINES`; they are among the buses.
+    addresses : mapping of part name to int, optional
+        Where its dies answer on I²C: those of one wire with the same address answer at once.
+        By default each die is alone.
     **options
         For the chip's own emulator.
 
@@ -85,7 +89,8 @@ def create(
     own = {module.name for module in iter_modules(__path__)}
     module = import_module(f'{__name__}.{driver_name if driver_name in own else "generic"}')
     name = f'emulated {driver_name} on {bus_kind}'
-    buses = dict(module.create(Socket(driver, bus_kind, name, source, clock, line), **options))
+    socket = Socket(driver, bus_kind, name, source, clock, line, addresses or {})
+    buses = dict(module.create(socket, **options))
     if DATA_READY in lines:
         pin = EmulatedPin(f'emulated line at {driver_name}')
         buses[''].chip.pin = buses[DATA_READY] = pin

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import threading
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from imu_bench.bus.interface import Clock
 
@@ -69,6 +69,11 @@ class Wire:
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.free_ns = 0
+        self._chips: dict[int, list[Any]] = {}
+
+    def chips_at(self, address: int) -> list[Any]:
+        """Return who answers at an I²C address: usually one chip; who comes adds himself."""
+        return self._chips.setdefault(address, [])
 
 
 class Line:
@@ -86,7 +91,7 @@ class Line:
     def __init__(self, clock: Clock, timing: Timing, wire: Wire | None = None) -> None:
         self.clock = clock
         self.timing = timing
-        self._wire = wire or Wire()
+        self.wire = wire or Wire()
 
     def read(self, length: int, answer: Callable[[int, float], _T], stretch_ns: float = 0.0) -> _T:
         """
@@ -107,7 +112,7 @@ class Line:
         return self._transfer(self.timing.write_ns(length) + stretched, 0.0, answer)
 
     def _transfer(self, before: float, after: float, answer: Callable[[int, float], _T]) -> _T:
-        wire = self._wire
+        wire = self.wire
         with wire.lock:
             start = max(self.clock.now_ns(), wire.free_ns) + round(before)
             wire.free_ns = start

@@ -8,6 +8,8 @@ What is common to all chips with registers is here; a chip's own file adds what 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import reduce
+from operator import and_
 from typing import Any
 
 from imu_bench.emulators.line import Line
@@ -199,7 +201,12 @@ class EmulatedChip:
 
 
 class EmulatedBus:
-    """A RegisterBus on which an emulated chip lives."""
+    """
+    A RegisterBus on which an emulated chip lives.
+
+    Chips at the same address of one I²C wire all do what is asked of any, and answer at once: a
+    line is low while anybody pulls it down (NXP UM10204 rev. 7, section 3.1.1).
+    """
 
     def __init__(
         self,
@@ -210,6 +217,7 @@ class EmulatedBus:
         *,
         acknowledges: bool = True,
         stretch_s: float = 0.0,
+        address: int | None = None,
     ) -> None:
         self.name = name  # for error texts and diagnostics; says that it is emulated
         self.line = line  # shared by the chips on one wire
@@ -218,15 +226,20 @@ class EmulatedBus:
         self.acknowledges = acknowledges
         self._increment = increment
         self._stretch_ns = stretch_s * 1e9
+        self._here = [] if address is None else line.wire.chips_at(address)
+        self._here.append(chip)
 
     def read(self, register: int, length: int) -> bytes:
         """Return `length` bytes from `register` on, in one transaction."""
         first = register | self._increment if length > 1 else register
 
         def answer(at_ns: int, byte_ns: float) -> bytes:
-            if not self._answered(at_ns):
-                return b'\xff' * length
-            return self.chip.read(first, length, at_ns, byte_ns)
+            heard = [
+                chip.read(first, length, at_ns, byte_ns) for chip in self._answering(at_ns)
+            ] or [b'\xff' * length]
+            if len(heard) == 1:
+                return heard[0]
+            return bytes(reduce(and_, together) for together in zip(*heard, strict=True))
 
         return self.line.read(length, answer, self._stretch_ns)
 
@@ -235,22 +248,28 @@ class EmulatedBus:
         first = register | self._increment if len(data) > 1 else register
 
         def answer(at_ns: int, byte_ns: float) -> None:
-            if self._answered(at_ns):
-                number, _ = self.chip.decode_address(first)
-                self.chip.write(first, data, at_ns)
-                if self.acknowledges and self.chip.takes_silently(number, at_ns):
-                    raise self._silence()
+            number, _ = self.chip.decode_address(first)
+            silent = self.acknowledges
+            for chip in self._answering(at_ns):
+                chip.write(first, data, at_ns)
+                silent = silent and chip.takes_silently(number, at_ns)
+            if silent:
+                raise self._silence()
 
         self.line.write(len(data), answer, self._stretch_ns)
 
     def close(self) -> None:
-        """Do nothing: the chip stays where it is."""
+        """Take the chip off the wire; who opens this sensor again gets another one."""
+        with self.line.wire.lock:
+            if self.chip in self._here:
+                self._here.remove(self.chip)
+            self._here = [self.chip]
 
-    def _answered(self, at_ns: int) -> bool:
-        answers = self.chip.answers(at_ns)
-        if self.acknowledges and not answers:
+    def _answering(self, at_ns: int) -> list[EmulatedChip]:
+        answering = [chip for chip in self._here if chip.answers(at_ns)]
+        if self.acknowledges and not answering:
             raise self._silence()
-        return answers
+        return answering
 
     def _silence(self) -> NoAnswer:
         return NoAnswer(f'{self.name}: nothing answers; check power, wiring and address')

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from imu_bench.bus.interface import Clock
 from imu_bench.drivers.driver import Driver
@@ -22,6 +23,7 @@ class Socket:
     source: Source  # what the chip samples
     clock: Clock
     line: Line
+    addresses: Mapping[str, int] = field(default_factory=dict)  # of its dies, where they matter
 
     def bus(self, chip: EmulatedChip, part: str = '') -> EmulatedBus:
         """Return the bus of a die on I²C or SPI, with the burst bit that its wiring has."""
@@ -30,5 +32,6 @@ class Socket:
         name = f'{self.name} {part}'.rstrip()
         stretch_s = wiring.i2c_stretch_s if on_i2c else 0.0
         return EmulatedBus(
-            name, self.line, chip, increment, acknowledges=on_i2c, stretch_s=stretch_s
-        )
+            name, self.line, chip, increment, acknowledges=on_i2c, stretch_s=stretch_s,
+            address=self.addresses.get(part),
+        )  # fmt: skip

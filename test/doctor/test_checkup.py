@@ -7,7 +7,7 @@ from imu_bench import bench
 from imu_bench.config import BenchConfig, sensor_from_parameters
 from imu_bench.doctor import checkup, machine, probing
 from imu_bench.doctor.machine import Bus
-from imu_bench.errors import NoAnswer
+from imu_bench.errors import ConfigError, NoAnswer
 from imu_bench.simulation.clock import SimulatedClock
 import pytest
 
@@ -77,6 +77,16 @@ def test_two_sensors_at_one_place_are_one_too_many(pi):
     found = {check.name: check for check in checkup.examine(config).sensors}
     assert [name for name, check in found.items() if not check.ok] == ['b']
     assert found['b'].found.startswith('a is at the same place')
+
+
+def test_emulated_sensors_that_share_a_wire_need_places_of_their_own_too():
+    shared = {'backend': 'emulated', 'bus': 'i2c-1'}
+    two = (sensor('a', 'mpu9250', **shared), sensor('b', 'mpu9250', **shared))
+    found = checkup.examine(BenchConfig('two', sensors=two), probe=False).sensors
+    assert [one.name for one in found if not one.ok] == ['b']
+    wrong = hardware('c', 'mpu9250', 'i2c-1', address=0x30)
+    with pytest.raises(ConfigError, match='c: address 0x30 is not one of this chip'):
+        checkup.examine(BenchConfig('one', sensors=(wrong,)), probe=False)
 
 
 def test_wires_are_those_of_the_sensors_and_their_speeds_are_said_to_be_known_or_not():

@@ -6,10 +6,7 @@ There MPU-9250 at 1000 Hz and LSM303DLHC at 1344 Hz gave 740 and 1260 Hz (table 
 bytes take their time and only one of them is on the wire at a time, and nothing is lost.
 """
 
-from contextlib import suppress
-from functools import reduce
 import heapq
-from operator import and_
 
 from imu_bench import bench
 from imu_bench.acquisition import Acquisition
@@ -207,36 +204,10 @@ def test_emulated_sensors_that_name_the_same_bus_share_its_wire(buses, wires, cl
     for name, bus in zip(('lsm9ds1', 'lsm303dlhc'), buses, strict=True):
         given = {'driver': name, 'backend': 'emulated', 'bus': bus}
         sensor = sensor_from_parameters(name, given, settings_of=bench.settings_of)
-        found.add(bench.build(sensor, clock).device._wires[''].line._wire)
+        acquisition = bench.build(sensor, clock)
+        found.add(acquisition.device._wires[''].line.wire)
+        acquisition.close()
     assert len(found) == wires
-
-
-class Both:
-    """Address 0x0C of a bus with two magnetometers: who is there answers, and zeros win."""
-
-    name = 'both at 0x0C'
-
-    def __init__(self, buses):
-        self._buses = buses
-
-    def _all(self, do):
-        answers = []
-        for bus in self._buses:
-            with suppress(NoAnswer):
-                answers.append(do(bus))
-        if not answers:
-            raise NoAnswer(f'{self.name}: nothing answers')
-        return answers
-
-    def read(self, register, length):
-        answers = self._all(lambda bus: bus.read(register, length))
-        return bytes(reduce(and_, column) for column in zip(*answers, strict=True))
-
-    def write(self, register, data):
-        self._all(lambda bus: bus.write(register, data))
-
-    def close(self):
-        """Nothing to do."""
 
 
 FIELDS = np.array([(20e-6, 0.0, -40e-6), (-10e-6, 30e-6, 15e-6)])
@@ -246,16 +217,15 @@ FIELDS = np.array([(20e-6, 0.0, -40e-6), (-10e-6, 30e-6, 15e-6)])
 def test_two_mpu9250_on_one_bus_have_each_its_own_magnetometer(clock, make_source, bypass):
     line = Line(clock, Timing.i2c(400e3))
     chips = [
-        create('mpu9250', 'i2c', make_source(magnetic_field=field), clock, line=line)
-        for field in FIELDS
-    ]
-    common = Both([buses['magnetometer'] for buses in chips])
+        create(
+            'mpu9250', 'i2c', make_source(magnetic_field=field), clock, line=line,
+            addresses={'': address, 'magnetometer': 0x0C},
+        )
+        for address, field in zip((0x68, 0x69), FIELDS, strict=True)
+    ]  # fmt: skip
     clock.sleep(0.1)
     driver, settings = load('mpu9250'), {'magnetometer_bypass': bypass}
-    made = [
-        Acquisition(driver(buses | {'magnetometer': common}, clock, settings), clock)
-        for buses in chips
-    ]
+    made = [Acquisition(driver(buses, clock, settings), clock) for buses in chips]
     found = [[], []]
     for _ in range(100):
         for acquisition, fields in zip(made, found, strict=True):
@@ -267,3 +237,30 @@ def test_two_mpu9250_on_one_bus_have_each_its_own_magnetometer(clock, make_sourc
     ]
     # through the bypass both answer at once, which is why it is not what a driver does by itself
     assert right == ([False, False] if bypass else [True, True])
+
+
+def on_i2c_1(clock, name, **place):
+    given = {'driver': name, 'backend': 'emulated', 'bus': 'i2c-1', **place}
+    sensor = sensor_from_parameters(name, given, settings_of=bench.settings_of)
+    return bench.build(sensor, clock)
+
+
+def test_dies_of_two_sensors_at_one_address_answer_at_once_until_one_is_strapped_otherwise():
+    clock = SimulatedClock()
+    neighbour = on_i2c_1(clock, 'lsm303dlhc')
+    clashing = on_i2c_1(clock, 'lsm9ds1', address=0x6B)
+    for acquisition in (neighbour, clashing):
+        with pytest.raises(NoAnswer, match=r'_M .*or two chips answer at once'):
+            acquisition.prepare()
+    clashing.close()
+    neighbour.prepare()
+    on_i2c_1(clock, 'lsm9ds1', address=0x6B, second_address=0x1C).prepare()
+
+
+def test_a_sensor_that_is_opened_again_has_its_address_for_itself():
+    clock = SimulatedClock()
+    for _ in range(2):
+        acquisition = on_i2c_1(clock, 'mpu9250', magnetometer_bypass=True)
+        acquisition.advance(clock.now_ns() + SECOND)
+        assert sum(run.magnetic_field is not None for run in acquisition.drain()) > 30
+        acquisition.close()

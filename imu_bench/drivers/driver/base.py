@@ -240,7 +240,10 @@ class Driver(RegisterMap, ABC):
             return identity.expected[word]
         where = self._wires.get(register.part, self._wires['']).name
         if word in (0, (1 << 8 * register.size) - 1) and word not in identity.others:
-            raise NoAnswer(f'{where}: {register} reads 0x{word:02X}: nothing drives the line')
+            also = '' if word else ', or two chips answer at once'
+            raise NoAnswer(
+                f'{where}: {register} reads 0x{word:02X}: nothing drives the line{also}'
+            )
         expected = ' or '.join(f'0x{known:02X}' for known in identity.expected)
         raise IdentityError(
             f'{where}: {register} holds 0x{word:02X} '
