@@ -10,9 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from importlib import import_module
 from pkgutil import iter_modules
+from typing import TYPE_CHECKING
 
-from imu_bench.drivers.driver import Driver
 from imu_bench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from imu_bench.drivers.driver import Driver
 
 
 def names() -> list[str]:
@@ -43,6 +46,8 @@ def load(name: str) -> type[Driver]:
     """
     if name not in names():
         raise ConfigError(f'no driver {name!r}; there are {", ".join(names())}')
+    from imu_bench.drivers.driver import Driver  # whoever asks for names alone need not wait
+
     module = import_module(f'{__name__}.{name}')
     found = [
         item

@@ -15,7 +15,6 @@ from imu_bench.metrology.curve import Floats
 from imu_bench.metrology.fitting.model_fit import Problem, TINY
 from imu_bench.metrology.fitting.scoring import granted
 import numpy as np
-from scipy import optimize
 
 MISFIT = 3.0
 """Mean squared residual above which a model does not describe a curve."""
@@ -83,6 +82,8 @@ def glance(
     problem: Problem, degrees: Floats, columns: Floats | None = None, passes: int = PASSES
 ) -> Glance:
     """Return what non-negative sums of the terms leave of a curve."""
+    from scipy import optimize  # a third of the start-up time, and seldom needed
+
     columns = problem.basis if columns is None else columns
     data = problem.variance
     exact = np.sqrt(0.5 * granted(degrees))

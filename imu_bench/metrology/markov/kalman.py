@@ -18,7 +18,6 @@ from imu_bench.metrology.markov.gauss_markov import Process
 import numpy as np
 import numpy.typing as npt
 from scipy import special
-from scipy.linalg import lapack
 
 Bools = npt.NDArray[np.bool_]
 
@@ -212,6 +211,8 @@ def _smoothed(drive: Floats, keep: float, before: float) -> Floats:
     As a system of equations with two diagonals: the import of scipy.signal, which has filters,
     takes longer than most recordings.
     """
+    from scipy.linalg import lapack  # takes longer than what most recordings need of it
+
     bands = np.empty((2, drive.size))
     bands[0], bands[1] = 1.0, -keep
     right = drive.copy()

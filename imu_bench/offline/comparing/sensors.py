@@ -20,19 +20,21 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from pathlib import Path, PurePath
-from typing import Any, Protocol
+from typing import Any, Protocol, TYPE_CHECKING
 
 from imu_bench import drivers
 from imu_bench.config.files import read_yaml
 from imu_bench.config.schema import check_all, Setting
-from imu_bench.drivers.driver import Driver
 from imu_bench.errors import ConfigError
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.analysis.axis_result import AxisResult
 from imu_bench.offline.analysis.results import RecordingResult, without_foreign
 from imu_bench.offline.analysis.typed import fields_of, plain
-from imu_bench.registers import Typical
 from msg_conversions.quantities import AXES, IMU_QUANTITIES, Quantity
+
+if TYPE_CHECKING:
+    from imu_bench.drivers.driver import Driver
+    from imu_bench.registers import Typical
 
 Datasheets = Mapping[str, Mapping[str, Any]]
 """By sensor: its source, and by quantity its numbers in SI; as it stands in a JSON document."""

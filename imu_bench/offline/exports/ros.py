@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+from html import escape  # that of xml.sax imports what opens web pages
 import math
-from xml.sax.saxutils import escape
 
 from imu_bench.offline.analysis.axis_result import AxisResult
 from imu_bench.offline.exports.numbers import (
@@ -143,7 +143,7 @@ def gz_sim(numbers: Numbers) -> str:
     text += f'  <update_rate>{numbers.rate:.4f}</update_rate>\n'
     topic = plain(numbers.recording.topic)
     if topic.startswith('/'):
-        text += f'  <topic>{escape(topic)}</topic>\n'
+        text += f'  <topic>{escape(topic, quote=False)}</topic>\n'
     text += '  <imu>\n'
     for quantity in (ANGULAR_VELOCITY, LINEAR_ACCELERATION):
         axes = numbers.recording.of(quantity.name)
