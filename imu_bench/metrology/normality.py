@@ -206,13 +206,16 @@ def normality(data: npt.ArrayLike, confidence: float = CONFIDENCE) -> Normality:
     blocks = min(BLOCKS, values.size // 16) or 1
     edges = np.linspace(0, values.size, blocks + 1).astype(np.int64)
     grid = _fine_edges(values, mean, std)
-    powers, counts, tail = np.empty((4, blocks)), np.zeros((blocks, grid.size + 1)), 0
+    z = (values - mean) / std
+    places, square = _places(grid, z), z * z
+    tail = int(np.count_nonzero(square > 9.0))
+    powers, counts = np.empty((4, blocks)), np.zeros((blocks, grid.size + 1))
     for block in range(blocks):
-        z = (values[edges[block] : edges[block + 1]] - mean) / std
-        square = z * z
-        powers[:, block] = z.mean(), square.mean(), (square * z).mean(), (square**2).mean()
-        counts[block] = np.bincount(_places(grid, z), minlength=grid.size + 1)
-        tail += int(np.count_nonzero(square > 9.0))
+        part = slice(edges[block], edges[block + 1])
+        first, second = z[part], square[part]
+        sums = first.sum(), second.sum(), first @ second, second @ second
+        powers[:, block] = np.array(sums) / first.size
+        counts[block] = np.bincount(places[part], minlength=grid.size + 1)
     skewness, kurtosis = _shape(powers, np.diff(edges), confidence)
     distance = _distance(counts, grid, confidence)
     reach = float(special.ndtri(0.5 + confidence / 2))

@@ -82,8 +82,9 @@ def identify(
     differences : int
         2 for the Allan members (alpha from 2 to -3), 3 for the Hadamard members (to -4).
     """
-    whole = np.array([[0, phase.size]], np.int64)
-    return identify_within(Stretches(whole if runs is None else runs), phase, m, differences)
+    if runs is None or (len(runs) == 1 and runs[0, 1] - runs[0, 0] == phase.size):
+        return identify_within(_whole(phase.size), phase, m, differences)
+    return identify_within(Stretches(runs), phase, m, differences)
 
 
 def identify_within(
@@ -134,6 +135,12 @@ class Stretches:
         return first, last
 
 
+@lru_cache(maxsize=2)
+def _whole(size: int) -> Stretches:
+    """Return the one run of a phase without gaps: axes and windows are often equally long."""
+    return Stretches(np.array([[0, size]], np.int64))
+
+
 class _Search:
     """Identifies the noise at one averaging factor after the other, looking at surer ones."""
 
@@ -142,6 +149,7 @@ class _Search:
         self._stretches = stretches
         self._differences = differences
         self._anchors: dict[int, int | None] = {}
+        self._variances: dict[int, float | None] = {}
 
     def at(self, factor: int) -> int | None:
         """Return the noise at an averaging factor; None if there is none at all."""
@@ -153,8 +161,10 @@ class _Search:
         if averages >= MANY:
             found = _by_autocorrelation(phase, factor, stretches, self._differences)
         else:
-            by = _by_slope if factor >= 4 else _by_b1
-            found = by(phase, factor, stretches, self._differences)
+            if factor >= 4:
+                found = self._by_slope(factor)
+            else:
+                found = _by_b1(phase, factor, stretches, self._differences)
             surer = self._anchor(MANY)
             if found is not None and surer is not None:
                 found = min(found, surer)
@@ -171,10 +181,7 @@ class _Search:
         """
         if factor < 4:
             return False
-        slopes = (
-            _slope(self._phase, factor // part, factor, self._stretches, self._differences)
-            for part in (2, 4)
-        )
+        slopes = (self._slope(factor // part, factor) for part in (2, 4))
         return any(slope is not None and slope > _PHASE_SLOPE for slope in slopes)
 
     def _anchor(self, least: int) -> int | None:
@@ -183,6 +190,30 @@ class _Search:
             longest = self._stretches.longest_with(least)
             self._anchors[least] = self.at(longest) if longest else None
         return self._anchors[least]
+
+    def _by_slope(self, m: int) -> int | None:
+        slope = self._slope(m // 4, m)
+        if slope is None:
+            return None
+        # the variance goes with tau^mu, mu = -alpha - 1 down to mu = -2 for phase noise
+        return 2 if slope < _PHASE_SLOPE else max(-round(slope) - 1, -1 - self._differences)
+
+    def _slope(self, short: int, long: int) -> float | None:
+        """Return the exponent of the variance between two averaging factors; None if too few."""
+        first, last = self._variance(short), self._variance(long)
+        if not first or not last:
+            return None
+        return math.log(last / first) / math.log(long / short)
+
+    def _variance(self, m: int) -> float | None:
+        """Return the mean square of some differences over m; None if there are too few."""
+        if m not in self._variances:
+            starts = self._stretches.starts(self._differences * m)
+            self._variances[m] = None
+            if starts.size >= FEW:
+                (steps,) = _bounded(_steps(self._phase, m, self._differences, starts, 1))
+                self._variances[m] = float(steps @ steps) / starts.size / m**2
+        return self._variances[m]
 
 
 def _steps(phase: Floats, m: int, d: int, starts: Integers, count: int) -> list[Floats]:
@@ -195,10 +226,14 @@ def _steps(phase: Floats, m: int, d: int, starts: Integers, count: int) -> list[
 
 def _bounded(differences: list[Floats]) -> list[Floats]:
     """Return differences cut off where no noise gets: one bad sample must not decide."""
-    scale = float(np.median(np.abs(differences[0])))
-    if scale == 0.0:
+    sizes = np.abs(differences[0])
+    # the median; np.median takes ten times as long for so few numbers
+    middle = sizes.size // 2
+    sizes.partition((middle - 1 + sizes.size % 2, middle))
+    most = _BOUND * 0.5 * float(sizes[middle - 1 + sizes.size % 2] + sizes[middle])
+    if most == 0.0:
         return differences
-    return [np.clip(steps, -_BOUND * scale, _BOUND * scale) for steps in differences]
+    return [np.minimum(np.maximum(steps, -most), most) for steps in differences]
 
 
 def _by_autocorrelation(phase: Floats, m: int, stretches: Stretches, d: int) -> int | None:
@@ -215,28 +250,6 @@ def _by_autocorrelation(phase: Floats, m: int, stretches: Stretches, d: int) -> 
     # one step down in alpha for every boundary passed; 2 stands for both kinds of phase noise
     passed = int(np.searchsorted(bounds, r1))
     return 2 if passed == 0 else 1 - passed
-
-
-def _by_slope(phase: Floats, m: int, stretches: Stretches, d: int) -> int | None:
-    slope = _slope(phase, m // 4, m, stretches, d)
-    if slope is None:
-        return None
-    # the variance goes with tau^mu, mu = -alpha - 1 down to mu = -2 for phase noise
-    return 2 if slope < _PHASE_SLOPE else max(-round(slope) - 1, -1 - d)
-
-
-def _slope(phase: Floats, short: int, long: int, stretches: Stretches, d: int) -> float | None:
-    """Return the exponent of the variance between two averaging factors; None if too few."""
-    variances = []
-    for factor in (short, long):
-        starts = stretches.starts(d * factor)
-        if starts.size < FEW:
-            return None
-        (steps,) = _bounded(_steps(phase, factor, d, starts, 1))
-        variances.append(float(steps @ steps) / starts.size / factor**2)
-    if min(variances) == 0.0:
-        return None
-    return math.log(variances[1] / variances[0]) / math.log(long / short)
 
 
 def _by_b1(phase: Floats, m: int, stretches: Stretches, d: int) -> int | None:

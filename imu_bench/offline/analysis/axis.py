@@ -138,9 +138,9 @@ def envelope(values: Floats, grid: Grid, start_s: float = 0.0, pieces: int = _PI
     starts = np.searchsorted(index, edges)
     filled = starts[:-1] < starts[1:]
     low, high = np.full(filled.size, np.nan), np.full(filled.size, np.nan)
-    for piece in np.flatnonzero(filled).tolist():
-        part = kept[starts[piece] : starts[piece + 1]]
-        low[piece], high[piece] = np.fmin.reduce(part), np.fmax.reduce(part)
+    inside = kept[: starts[-1]]
+    low[filled] = np.fmin.reduceat(inside, starts[:-1][filled])
+    high[filled] = np.fmax.reduceat(inside, starts[:-1][filled])
     return Envelope(np.asarray(start_s + edges[:-1] * grid.period_s, np.float64), low, high)
 
 
