@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from imu_bench.errors import DataError
 from imu_bench.metrology import workspace
@@ -122,10 +123,10 @@ def histogram(data: npt.ArrayLike, unit: str, bins: int | None = None) -> Histog
     if bins is not None and bins < 1:
         raise DataError(f'a histogram needs at least one bin, got {bins}')
     mean, std = _mean_and_std(values)
-    low, high = workspace.extremes(values)
-    if low == high:
-        raise DataError(f'all {values.size} samples are equal ({low:g}): no histogram')
-    low, high = max(low, mean - 10 * std), min(high, mean + 10 * std)
+    lowest, highest = workspace.extremes(values)
+    if lowest == highest:
+        raise DataError(f'all {values.size} samples are equal ({lowest:g}): no histogram')
+    low, high = max(lowest, mean - 10 * std), min(highest, mean + 10 * std)
     if bins is None:
         spread = float(np.subtract(*np.quantile(values[: workspace.PART], (0.75, 0.25))))
         width = 2.0 * (spread or std) / values.size ** (1 / 3)
@@ -133,11 +134,14 @@ def histogram(data: npt.ArrayLike, unit: str, bins: int | None = None) -> Histog
     edges = _edges(low, high, bins, resolution(values), values[0])
     count = np.zeros(edges.size - 1, dtype=np.int64)
     below = above = 0
+    bounds: tuple[Any, ...] = (edges,)
+    if np.all(edges[1:] > edges[:-1]):
+        bounds = (count.size, (edges[0], edges[-1]))  # the same edges, without a search in them
     for piece in workspace.parts(values.size):
         part = values[piece]
-        count += np.histogram(part, edges)[0]
-        below += int(np.count_nonzero(part < edges[0]))
-        above += int(np.count_nonzero(part > edges[-1]))
+        count += np.histogram(part, *bounds)[0]
+        below += int(np.count_nonzero(part < edges[0])) if lowest < edges[0] else 0
+        above += int(np.count_nonzero(part > edges[-1])) if highest > edges[-1] else 0
     expected = values.size * np.diff(special.ndtr((edges - mean) / std))
     return Histogram(edges, count, np.asarray(expected, np.float64), unit, below, above)
 

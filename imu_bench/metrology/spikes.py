@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from imu_bench.metrology import workspace
 import numpy as np
 import numpy.typing as npt
 
@@ -135,7 +136,7 @@ def neighbour_noise(steps: Floats) -> float:
     1.0
     """
     known = steps[np.isfinite(steps)]
-    return float(_MAD * np.median(np.abs(known)) / np.sqrt(2.0)) if known.size else 0.0
+    return float(_MAD * workspace.median(np.abs(known)) / np.sqrt(2.0)) if known.size else 0.0
 
 
 class SpikeCount:

@@ -166,8 +166,13 @@ def resolution(data: npt.ArrayLike) -> float:
     0.01
     """
     values = np.asarray(data, dtype=np.float64)
-    codes = np.unique(values[: 1 << 16])
-    if codes.size < 2 or codes.size > values[: 1 << 16].size // 4:
+    part = values[: 1 << 16]
+    most = part.size // 4
+    # a third of the samples shows as a rule that there are too many
+    codes = np.unique(part[: most + most // 4])
+    if codes.size <= most:
+        codes = np.unique(part)
+    if codes.size < 2 or codes.size > most:
         return 0.0
     steps = np.diff(codes)
     step = float(np.median(steps[steps < 1.5 * steps.min()]))
@@ -184,9 +189,9 @@ def _robust(values: Floats) -> tuple[float, float]:
     if values.size > _ROBUST:
         starts = np.linspace(0, values.size - _SAMPLE, _ROBUST // _SAMPLE).astype(np.int64)
         part = np.concatenate([values[start : start + _SAMPLE] for start in starts])
-    centre = float(np.median(part))
+    centre = workspace.median(part)
     off = np.abs(part - centre)
-    scale = MAD_TO_SIGMA * float(np.median(off))
+    scale = MAD_TO_SIGMA * workspace.median(off)
     if scale == 0.0:  # more than half of the samples are equal
         scale = math.sqrt(math.pi / 2.0) * float(np.mean(off))
         step = resolution(part)

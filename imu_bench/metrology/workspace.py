@@ -75,6 +75,21 @@ def extremes(values: npt.NDArray[np.float64]) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def median(values: npt.NDArray[np.float64]) -> float:
+    """
+    Return the median of values none of which is NaN, at least one; np.median takes twice as long.
+
+    Examples
+    --------
+    >>> median(np.array([3.0, 1.0, 2.0])), median(np.array([4.0, 1.0, 2.0, 9.0]))
+    (2.0, 3.0)
+    """
+    middle = values.size // 2
+    ordered = np.partition(values, middle)
+    upper = float(ordered[middle])
+    return upper if values.size % 2 else 0.5 * (float(ordered[:middle].max()) + upper)
+
+
 def all_finite(values: npt.NDArray[np.float64]) -> bool:
     """Return whether no value is NaN or infinite."""
     return all(bool(np.isfinite(values[part]).all()) for part in parts(values.size))

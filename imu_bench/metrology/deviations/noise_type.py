@@ -35,6 +35,7 @@ from functools import lru_cache
 from itertools import pairwise
 import math
 
+from imu_bench.metrology import workspace
 from imu_bench.metrology.deviations.allan_kernels import modified_sums, second_difference_sums
 from imu_bench.metrology.deviations.greenhall import covariance
 import numpy as np
@@ -226,11 +227,7 @@ def _steps(phase: Floats, m: int, d: int, starts: Integers, count: int) -> list[
 
 def _bounded(differences: list[Floats]) -> list[Floats]:
     """Return differences cut off where no noise gets: one bad sample must not decide."""
-    sizes = np.abs(differences[0])
-    # the median; np.median takes ten times as long for so few numbers
-    middle = sizes.size // 2
-    sizes.partition((middle - 1 + sizes.size % 2, middle))
-    most = _BOUND * 0.5 * float(sizes[middle - 1 + sizes.size % 2] + sizes[middle])
+    most = _BOUND * workspace.median(np.abs(differences[0]))
     if most == 0.0:
         return differences
     return [np.minimum(np.maximum(steps, -most), most) for steps in differences]

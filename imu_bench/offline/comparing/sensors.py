@@ -90,6 +90,8 @@ def read_datasheets(path: Path) -> Datasheets:
 
 def _typical(document: Datasheets, sensor: str) -> dict[str, Typical]:
     """Return the typical values of a sensor by the fields of `Samples`; empty if not listed."""
+    from imu_bench.registers import Typical
+
     sheet = document.get(sensor, {})
     return {
         quantity.field: Typical(
