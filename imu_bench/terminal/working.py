@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from imu_bench.errors import NotReady, RecordingError
 from imu_bench.offline.recordings.cache import LARGE
+from imu_bench.offline.recordings.discovery import TEXT_SUFFIXES
 from imu_bench.offline.recordings.loading import stored_bytes
 from imu_bench.offline.running.analyzing import Kept, Watch
 from imu_bench.offline.running.workers import (
@@ -35,6 +36,9 @@ NO_CACHE = 'none'
 _FOLDER = 'imu_bench_cache'
 _MANY = 16
 _MOST_JOBS = 1024
+_TEXT = 4
+"""Bytes of a sample as text for each in a bag: six numbers of a dozen digits against zstd."""
+
 _WORTH_KEEPING = 256 << 20
 """Bytes of a recording that takes more than a few seconds to read."""
 
@@ -52,7 +56,7 @@ def workers(
 
         return Cluster(arguments.scheduler)
     jobs = arguments.jobs or usable_cores()
-    if jobs == 1 or (len(paths) < _MANY and _bytes(paths) < LARGE):
+    if jobs == 1 or (len(paths) < _MANY and sum(map(_work, paths)) < LARGE):
         return nullcontext(ThisProcess())
     return Processes(within_memory(jobs))
 
@@ -121,6 +125,11 @@ def _import_the_rest() -> None:
     for name in ('imu_bench.terminal.tables', 'imu_bench.offline.presentation.pages'):
         with suppress(NotReady):  # who needs it will say so
             import_module(name)
+
+
+def _work(path: Path) -> int:
+    """Return the bytes of a recording, those of text at the worth of their samples."""
+    return _size(path) // _TEXT if path.suffix.lower() in TEXT_SUFFIXES else _size(path)
 
 
 def _bytes(paths: Sequence[Path]) -> int:

@@ -22,7 +22,7 @@ STAMPS_FILE = 'stamps.npy'
 """A folder that has it is a recording, as `imu-bench simulate --storage npy` writes it."""
 
 _ROS1_SUFFIXES = ('.bag', '.bag.active')
-_TEXT_SUFFIXES = ('.csv', '.tsv', '.txt', '.log', '.dat')
+TEXT_SUFFIXES = ('.csv', '.tsv', '.txt', '.log', '.dat')
 _ARRAY_SUFFIXES = ('.npy', '.npz', '.mat')
 _LEAST_COLUMNS = 3
 _NUMBER = re.compile(r'[ _-]*\(?(\d+)\)?')
@@ -96,7 +96,7 @@ def name_key(path: Path) -> tuple[str, list[int]]:
 
 def is_text_name(file: Path) -> bool:
     """Return whether the name of a file is that of a table of text."""
-    return file.suffix.lower() in _TEXT_SUFFIXES
+    return file.suffix.lower() in TEXT_SUFFIXES
 
 
 def _is_loose_recording(file: Path) -> bool:
