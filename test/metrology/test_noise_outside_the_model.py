@@ -129,6 +129,15 @@ def test_a_filter_of_whatever_kind_is_no_noise_with_a_memory(filtered):
         assert result.model.N.value == pytest.approx(WHITE, rel=0.1)
 
 
+def test_rounding_to_steps_of_three_sigma_behind_a_filter_is_no_noise_with_a_memory():
+    """It was: N came out as what rounding added, 2.6 times too small."""
+    rng = np.random.default_rng([11, 0])
+    x = signal.lfilter([0.45], [1.0, -0.55], white(62_000, rng))[2000:] + flicker(60_000, rng)
+    result = measured(np.round(x / 1.6e-3) * 1.6e-3)
+    assert not result.choice.refutes_filter and result.model.gauss_markov is None
+    assert result.model.N.value == pytest.approx(WHITE, rel=0.1)
+
+
 @pytest.mark.parametrize('share', [0.3, 0.45])
 def test_a_weak_filter_is_kept(share):
     """Of first order and analogue, in a minute: N is 1 to 4 % low if it is not seen."""

@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.fitting.noise_model import FLICKER_FLOOR
+from imu_bench.metrology.fitting.noise_model import FLICKER_FLOOR, GaussMarkov
 from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.offline.analysis.axis_result import AxisResult
 from imu_bench.offline.analysis.checks import Checks
@@ -68,7 +68,7 @@ def without(result, name):
 def with_coefficient(result, quantity, term, estimate):
     """Return a result with another estimate in every axis of a quantity."""
     axes = {
-        name: replace(axis, model=replace(axis.model, gauss_markov=None, **{term: estimate}))
+        name: replace(axis, model=replace(axis.model, **{'gauss_markov': None, term: estimate}))
         if axis.quantity == quantity
         else axis
         for name, axis in result.axes.items()
@@ -102,6 +102,24 @@ class TestKalibr:
         assert read.data['accelerometer_random_walk'] == pytest.approx(K_ACC, rel=0.6)
         assert read.data['gyroscope_random_walk'] == pytest.approx(DRIFT.q_c, rel=0.5)
         assert read.data['rostopic'] == '/bench/chip/imu/data_raw'
+
+    def test_noise_with_a_short_memory_is_noise_and_no_walk(self, result):
+        """Of a memory of 20 ms; the truth is the deviation at 1 s of samples with such noise."""
+        rng = np.random.default_rng(4)
+        brief = Process(8e-3, 0.02)
+        samples = brief.simulate(400_000, RATE_HZ, rng)
+        samples += rng.normal(0.0, N_GYRO * math.sqrt(RATE_HZ), samples.size)
+        means = samples.reshape(-1, int(RATE_HZ)).mean(axis=1)
+        at_one_second = math.sqrt(0.5 * float(np.mean(np.diff(means) ** 2)))
+        fit = GaussMarkov(Estimate(brief.q_c, None, None, '1'), Estimate(0.02, None, None, 's'))
+        white = Estimate(N_GYRO, None, None, 'rad/s/√Hz')
+        bound = Estimate.not_observable('rad/s²/√Hz', 'record longer', high=3e-6)
+        found = result
+        for term, value in (('N', white), ('K', bound), ('gauss_markov', fit)):
+            found = with_coefficient(found, 'angular_velocity', term, value)
+        read = Kalibr(render(Analysis((found,)), 'kalibr')).data
+        assert read['gyroscope_noise_density'] == pytest.approx(at_one_second, rel=0.03)
+        assert read['gyroscope_random_walk'] == 3e-6
 
     def test_what_is_not_observable_is_an_upper_bound_with_a_word(self, result):
         bound = Estimate.not_observable('m/s³/√Hz', 'record longer', high=3e-5)

@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import json
 import math
 import unicodedata
 
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
-from imu_bench.metrology.fitting.noise_model import FLICKER_FLOOR
+from imu_bench.metrology.fitting.noise_model import FLICKER_FLOOR, GaussMarkov
 from imu_bench.metrology.spectra.spectrum import two_sided
 from imu_bench.offline.analysis.axis_result import AxisResult
 from imu_bench.offline.analysis.drift_models import DriftModel, METHODS
@@ -27,6 +27,12 @@ _SPELLED = str.maketrans({
 
 _PROCESSES = ('allan_fit', 'autocorrelation', 'bias_instability')
 """Gauss-Markov models that an export may use, the best first."""
+
+BRIEF_S = 1.0
+"""
+A noise with a shorter memory is white where N is read: at an averaging time of 1 s, by IEEE Std
+952-1997 annex C.  Programs that know white noise and a walk alone are given q_c T_c of it with N.
+"""
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,8 @@ class Numbers:
         """
         Return one N for all axes, in unit/√Hz.
 
-        The root of the mean square of the axes, or conservatively the largest upper end.
+        The root of the mean square of the axes, or conservatively the largest upper end.  Noise
+        with a memory shorter than `BRIEF_S` is part of it.
         """
         return self._together('N', [(a, _white(a)) for a in self.axes(quantity)])
 
@@ -97,7 +104,7 @@ class Numbers:
         Return one K for all axes, in unit/s/√Hz.
 
         A Gauss-Markov process walks with K = q_c up to its correlation time and less beyond, so
-        where the fit holds one, q_c stands in for K.
+        where the fit holds one of at least `BRIEF_S`, q_c stands in for K.
         """
         return self._together('K', [(a, _walk(a)) for a in self.axes(quantity)])
 
@@ -192,16 +199,37 @@ def _remedy(axes: Sequence[AxisResult]) -> str:
     return 'no recording of this sensor will have it'
 
 
+def _brief(axis: AxisResult) -> GaussMarkov | None:
+    """Return the noise with a short memory of an axis, None where there is none."""
+    process = axis.model.gauss_markov
+    return process if process and (process.T_c.value or math.inf) < BRIEF_S else None
+
+
 def _white(axis: AxisResult) -> Estimate:
     """Return N, from the spectrum where the Allan deviation does not show the white noise."""
-    return two_sided(axis.white_density) if axis.white_from_spectrum else axis.model.N
+    estimate = two_sided(axis.white_density) if axis.white_from_spectrum else axis.model.N
+    process = _brief(axis)
+    if process is None or estimate.value is None:
+        return estimate
+    time = process.T_c.value or 0.0
+
+    def together(white: float | None, strength: float | None) -> float | None:
+        return None if white is None or strength is None else math.hypot(white, strength * time)
+
+    strength = process.q_c
+    return replace(
+        estimate,
+        value=together(estimate.value, strength.value),
+        low=together(estimate.low, strength.low),
+        high=together(estimate.high, strength.high),
+    )
 
 
 def _walk(axis: AxisResult) -> Estimate:
     process = axis.model.gauss_markov
-    if axis.model.K.value is None and process is not None and process.q_c.value is not None:
-        return process.q_c
-    return axis.model.K
+    if axis.model.K.value is not None or process is None or _brief(axis) is process:
+        return axis.model.K
+    return axis.model.K if process.q_c.value is None else process.q_c
 
 
 def _name(axis: AxisResult, term: str) -> str:
@@ -212,6 +240,8 @@ def _name(axis: AxisResult, term: str) -> str:
 def _measured(axis: AxisResult, term: str) -> str:
     if term == 'K' and _walk(axis) is not axis.model.K:
         return 'q_c of a Gauss-Markov process'
+    if term == 'N' and _brief(axis) is not None:
+        return 'with noise that has a short memory'
     if term == 'N' and axis.white_from_spectrum:
         return 'plateau of the spectrum'
     return 'measured'
