@@ -35,8 +35,8 @@ COARSE = 1.5
 """
 What joins behind a filter over step²/12, at most, where the values show the steps.
 
-The variance of the error of rounding is step²/12 (1 ± (12/π²) e^(−2π²σ²)), σ in steps, by where the
-mean lies (the first term of the Fourier series of the error): 26 % more at σ = 0.28.
+The variance of the error of rounding is step²/12 (1 ± (12/π²) e^(−2π²σ²)), σ in steps, by where
+the mean lies (the first term of the Fourier series of the error): 26 % more at σ = 0.28.
 """
 
 _REACH, _STEPS = 1.6, (0.4, 0.1, 0.025)
