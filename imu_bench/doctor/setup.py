@@ -102,6 +102,9 @@ def files(config: BenchConfig | None, name: str, user: str, command: str) -> dic
     }
     if config is not None:
         lines = [*dict.fromkeys(line for sensor in config.sensors for line in _switches(sensor))]
+        if any('i2c' in line for line in lines):
+            # no /dev/i2c-1 without it; raspi-config loads it, too
+            found['etc/modules-load.d/imu_bench.conf'] = 'i2c-dev\n'
         found[OURS] = ''.join(f'{line}\n' for line in ['# buses of imu_bench', *sorted(lines)])
         found[UNIT] = _UNIT.format(
             bench=shlex.quote(name).replace('%', '%%'), user=user, groups=' '.join(GROUPS),

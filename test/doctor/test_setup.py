@@ -43,7 +43,7 @@ def test_what_is_written_is_what_is_printed(written, capsys):
     assert main(['doctor', '--setup', '--user', 'ada', bench]) == 0
     printed = capsys.readouterr().out
     files = [path for path in root.rglob('*') if path.is_file()]
-    assert len(files) == 7
+    assert len(files) == 8
     for path in files:
         if path.name != 'config.txt':
             assert path.read_text() in printed
@@ -145,6 +145,16 @@ def test_the_buses_of_a_bench_are_switched_on(written, bench, lines):
     filters = [line for line in ours if line.startswith('[')]
     assert filters[1::2] == ['[all]'] * len(filters[1::2])
     assert (root / setup.CONFIG).read_text().splitlines()[-2:] == ['[all]', setup.INCLUDE]
+
+
+@pytest.mark.parametrize(
+    ('bench', 'modules'), [('machine_vibration', ['i2c-dev']), ('mast_inclination', [])]
+)
+def test_what_makes_devices_of_i2c_buses_is_loaded(written, bench, modules):
+    # dtparam=i2c_arm=on alone makes no /dev/i2c-1: raspi-config loads the module, too
+    root, _ = written(f'{bench}_hardware')
+    found = [path.read_text().split() for path in root.glob('etc/modules-load.d/*.conf')]
+    assert found == ([modules] if modules else [])
 
 
 def test_what_config_txt_had_stays_and_nothing_is_written_twice(written, tmp_path):
