@@ -227,7 +227,12 @@ def _steps(phase: Floats, m: int, d: int, starts: Integers, count: int) -> list[
 
 def _bounded(differences: list[Floats]) -> list[Floats]:
     """Return differences cut off where no noise gets: one bad sample must not decide."""
-    most = _BOUND * workspace.median(np.abs(differences[0]))
+    sizes = np.abs(differences[0])
+    largest = max(float(np.abs(steps).max()) for steps in differences)
+    # where most are larger than that their median is, too, and nothing is cut off
+    if 2 * np.count_nonzero(sizes >= 1.01 / _BOUND * largest) > sizes.size:
+        return differences
+    most = _BOUND * workspace.median(sizes)
     if most == 0.0:
         return differences
     return [np.minimum(np.maximum(steps, -most), most) for steps in differences]

@@ -24,7 +24,7 @@ import numpy.typing as npt
 _ONE_STYLE = frozenset(('Line', 'Step', 'VArea'))
 """Glyphs that have one style, not one for each of their points."""
 
-_EFFORT = 6  # of the compression
+EFFORT = 6  # of the compression
 
 _SEEN = np.uint32(0xFFFFFF00)
 """Bits of a float32 that are kept: 16 of its mantissa, one part in 65 000, are more than a screen
@@ -127,7 +127,7 @@ def _packed(array: npt.NDArray[Any]) -> Any:
 
 
 def _array(array: npt.NDArray[Any]) -> dict[str, Any]:
-    packed = gzip.compress(array.tobytes(), _EFFORT, mtime=0)
+    packed = gzip.compress(array.tobytes(), EFFORT, mtime=0)
     return {
         'type': 'ndarray',
         'array': {'type': 'bytes', 'data': base64.b64encode(packed).decode('ascii')},

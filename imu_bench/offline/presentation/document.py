@@ -13,7 +13,7 @@ import re
 from typing import Any
 
 from imu_bench.errors import needed
-from imu_bench.offline.presentation.bokeh_models import document
+from imu_bench.offline.presentation.bokeh_models import document, EFFORT
 from imu_bench.offline.presentation.figure import coloured, Figure
 from imu_bench.offline.presentation.page_figures import draw, height_of
 from imu_bench.offline.presentation.tables import cells, words
@@ -90,7 +90,7 @@ def page(template: str, collected: Places, **content: Any) -> str:
 
 def _packed(words: str) -> Markup:
     """Return text as the browser unpacks it; base 64 cannot end the element it stands in."""
-    return Markup(base64.b64encode(gzip.compress(words.encode(), mtime=0)).decode('ascii'))
+    return Markup(base64.b64encode(gzip.compress(words.encode(), EFFORT, mtime=0)).decode('ascii'))
 
 
 @cache
