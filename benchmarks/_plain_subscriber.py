@@ -26,8 +26,8 @@ class PlainSubscriber(Node):
         self.create_timer(1.0, self._look)
 
     def _look(self) -> None:
-        for topic in discovery.find(self, 'sensor_msgs/msg/Imu', 'imu/data_raw'):
-            if topic not in self._received:
+        for topic in discovery.find(self, 'sensor_msgs/msg/Imu'):
+            if topic.endswith('/imu/data_raw') and topic not in self._received:
                 self._received[topic] = 0
                 # as deep as the node it is compared with, so that only the executor differs
                 profile = qos.keep_last(5000, 'best_effort')

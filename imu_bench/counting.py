@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers and long lists as people read them."""
+"""Numbers, long lists and the words of others as people read them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import math
 
 _SMALLEST = -3  # exponent of what is written without a power of ten beside its uncertainty
 _SUPERSCRIPT = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
+
+SPACES = '\u00a0\u2009\u202f'
+"""Those that stand between digits, and before a unit."""
 
 
 def count(things: int, name: str) -> str:
@@ -116,3 +119,15 @@ def _fixed(value: float, decimals: int) -> str:
 
 def _power(exponent: int) -> str:
     return f'×{power_of_ten(exponent)}'
+
+
+def clean(words: str) -> str:
+    r"""
+    Return text, perhaps of somebody else, without characters that would steer the terminal.
+
+    Examples
+    --------
+    >>> clean('\x1b[31m3\u202f600 samples') == '\\x1b[31m3\u202f600 samples'
+    True
+    """
+    return ''.join(c if c.isprintable() or c in SPACES else f'\\x{ord(c):02x}' for c in words)

@@ -59,9 +59,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _show(compared: RunComparison, out: Console) -> None:
     """Print what the comparison says, then one table per sensor and run."""
+    from imu_bench.counting import clean
     from imu_bench.offline.presentation import run_tables
     from imu_bench.terminal.tables import put
-    from imu_bench.terminal.words import clean
     from rich.text import Text
 
     for sentence in run_tables.summary(compared):
@@ -81,9 +81,9 @@ def _show(compared: RunComparison, out: Console) -> None:
 
 def _stack(out: Console, one: Table) -> None:
     """Print one cell per line, for terminals too narrow for a table."""
+    from imu_bench.counting import clean
     from imu_bench.offline.presentation.tables import cells
     from imu_bench.terminal.tables import COLOURS
-    from imu_bench.terminal.words import clean
     from rich.text import Text
 
     out.print(Text(clean(one.title), style='bold'))

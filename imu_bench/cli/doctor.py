@@ -285,7 +285,7 @@ def _table(title: str, *columns: str) -> Table:
 
 
 def _say(out: Console, words: str) -> None:
-    from imu_bench.terminal.words import clean
+    from imu_bench.counting import clean
     from rich.text import Text
 
     out.print(Text(clean(words)))

@@ -10,9 +10,10 @@ from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
+from imu_bench.counting import clean
 from imu_bench.errors import RecordingError
 from imu_bench.terminal.arguments import check_folder, check_outputs
-from imu_bench.terminal.words import clean, DONE
+from imu_bench.terminal.words import DONE
 
 if TYPE_CHECKING:
     from imu_bench.offline.analysis.results import RecordingResult

@@ -8,8 +8,9 @@ from pathlib import Path
 import shlex
 import sys
 
+from imu_bench.counting import clean
 from imu_bench.terminal.arguments import add_reading, check_outputs, read_options
-from imu_bench.terminal.words import clean, DONE
+from imu_bench.terminal.words import DONE
 
 FORMS = ('mcap', 'sqlite3', 'csv', 'npy')
 """The same as in imu_bench.offline.imports, which help must not wait for."""

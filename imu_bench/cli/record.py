@@ -11,6 +11,7 @@ import signal
 import sys
 from typing import TYPE_CHECKING
 
+from imu_bench.counting import clean
 from imu_bench.errors import ConfigError
 from imu_bench.terminal.arguments import add_network, duration
 from imu_bench.terminal.words import complain, DONE, FAULT
@@ -169,7 +170,7 @@ def conclude(judgement: Judgement, wanted_s: float | None, following: str) -> in
     """Say what there is in the bag and what to do with it; return the exit code."""
     print()
     for line in judgement.lines:
-        print(line)
+        print(clean(line))
     print(judgement.total(wanted_s))
     print(f'next: {following}')
     if judgement.faults:

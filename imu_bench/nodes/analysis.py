@@ -244,7 +244,7 @@ class AnalysisNode(parameters.FromDump):
             followed = topic in self.watches and self.watches[topic].followed
             if followed or not self._chosen(topic, found):
                 continue
-            publishers = self.get_publishers_info_by_topic(topic)
+            publishers = discovery.publishers(self, topic, IMU_TYPE)
             if topic not in self.watches:
                 self._watch(topic)
             if publishers:

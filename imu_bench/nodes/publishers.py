@@ -7,6 +7,7 @@ from collections import Counter, deque
 from collections.abc import Iterable
 import time
 
+from imu_bench.counting import clean
 import numpy as np
 import numpy.typing as npt
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -44,7 +45,7 @@ def named(publisher: TopicEndpointInfo) -> str:
     # rmw: _NODE_NAME_UNKNOWN_, _CREATED_BY_BARE_DDS_APP_
     if name.startswith(('_NODE_', '_CREATED_')):
         return UNNAMED
-    return f'{space.rstrip("/")}/{name}'
+    return clean(f'{space.rstrip("/")}/{name}')
 
 
 def recorders(subscribers: Iterable[TopicEndpointInfo]) -> list[str]:

@@ -39,7 +39,8 @@ from imu_bench.nodes.others import Others
 from imu_bench.nodes.publishers import recorders, UNNAMED
 from imu_bench.nodes.topic_names import DIAGNOSTICS, MEASURED, SUFFIXES
 from msg_conversions import building
-from msg_conversions.quantities import LINEAR_ACCELERATION, MAGNETIC_FIELD, TEMPERATURE
+from msg_conversions.diagnostics import TYPE as DIAGNOSTICS_TYPE
+from msg_conversions.quantities import LINEAR_ACCELERATION, MAGNETIC_FIELD, TEMPERATURE, TYPES
 import numpy as np
 import numpy.typing as npt
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -107,6 +108,9 @@ class RecorderNode(parameters.FromDump):
         self._all = settings['all_topics']
         self._alone = own_topics(settings['sensors'], MEASURED)
         self._own = own_topics(settings['sensors'], SUFFIXES) - self._only
+        self._types = {DIAGNOSTICS: DIAGNOSTICS_TYPE} | {
+            f'{space}/{end}': kind for space in settings['sensors'] for end, kind in TYPES.items()
+        }
         self._several: dict[str, str] = {}
         self._recorders = self._second = ''
         self._unnamed: Counter[str] = Counter()
@@ -171,9 +175,9 @@ class RecorderNode(parameters.FromDump):
         if now - self._look_s < LOOK_S:
             return
         self._look_s = now
-        for name, kind in discovery.find(self).items():
+        for name, kind in discovery.find(self, known=self._types).items():
             if name not in self._known and (self._wants(name) or self._lets_in(name, kind)):
-                publishers = self.get_publishers_info_by_topic(name)
+                publishers = discovery.publishers(self, name, kind)
                 if name in self._alone and not self._intake.carrier(name, publishers):
                     continue
                 if publishers:

@@ -7,6 +7,7 @@ import os
 import time
 from typing import TYPE_CHECKING
 
+from imu_bench.counting import clean
 from imu_bench.errors import NotReady
 from rich.console import Console
 from rich.live import Live
@@ -20,8 +21,9 @@ LINE_EVERY_S = float(os.environ.get('IMU_BENCH_LINE_EVERY_S', '10'))
 
 
 def say(line: str, console: Console | None = None) -> None:
-    """Print a line on stderr, or wherever a console prints, as it is."""
-    (console or Console(stderr=True)).print(line, soft_wrap=True, markup=False, highlight=False)
+    """Print a line, of which nothing steers a terminal, on stderr or wherever a console prints."""
+    out = console or Console(stderr=True)
+    out.print(clean(line), soft_wrap=True, markup=False, highlight=False)
 
 
 def show(showing: Showing, up_within_s: float) -> None:
@@ -45,6 +47,6 @@ def show(showing: Showing, up_within_s: float) -> None:
                 live.update(showing.table(heading))
             elif now - said > LINE_EVERY_S:
                 said = now
-                console.print(showing.line(heading), soft_wrap=True)
+                say(showing.line(heading), console)
             # the pace of the display, nothing waits for it
             time.sleep(min(REFRESH_S, max(0.0, showing.left(ran))))

@@ -12,7 +12,7 @@ import time
 from typing import TYPE_CHECKING
 
 from imu_bench.account import BESIDE, LEFT_OUT, RECORDERS
-from imu_bench.counting import listed
+from imu_bench.counting import clean, listed
 from imu_bench.errors import NotReady
 from imu_bench.nodes.bench_nodes import RECORDER
 from imu_bench.offline.notation import duration
@@ -281,8 +281,8 @@ class Showing:
         for row in self.rows:
             style = 'bold red' if row.died or self._told.get(row.name) else ''
             cells = row.shown()
-            shown = [*cells[:3], *(cells.noise if self._noise else ())]
-            table.add_row(row.name, *shown, style=style)
+            shown = [row.name, *cells[:3], *(cells.noise if self._noise else ())]
+            table.add_row(*(Text(clean(cell)) for cell in shown), style=style)
         return Group(Text(heading), table)
 
     def line(self, heading: str) -> str:

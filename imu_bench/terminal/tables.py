@@ -13,6 +13,7 @@ from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
+from imu_bench.counting import clean
 from imu_bench.offline.analysis.results import Analysis, RecordingResult
 from imu_bench.offline.comparing.sensors import Comparison
 from imu_bench.offline.health import Finding, SEVERITIES
@@ -30,7 +31,6 @@ from imu_bench.offline.presentation.sentences import of_all, OF_OTHERS, of_simul
 from imu_bench.offline.presentation.tables import cells, Table, words
 from imu_bench.offline.presentation.uses import filter_numbers
 from imu_bench.recording.fault_news import RECOVERED, telling
-from imu_bench.terminal.words import clean
 from msg_conversions.quantities import IMU_QUANTITIES
 from rich import box
 from rich.console import Console
@@ -296,12 +296,13 @@ def show_faults(sensors: Mapping[str, SensorView]) -> int:
         right = name in ('at s', 'for s', 'lost', 'back after s')
         table.add_column(name, justify='right' if right else 'left', no_wrap=name != 'counted')
     for sensor, fault in faults:
-        table.add_row(
+        shown = (
             sensor, fault['kind'], fault['at_s'],
             fault['for_s'] if fault['for_s'] != '0' else 'once',
             fault['errors'] or '-', telling(fault['counted']) or '-', fault['lost'],
             f'{float(fault["recovery_s"]):.2f}' if fault['recovery_s'] else fault['state'],
         )  # fmt: skip
+        table.add_row(*(Text(clean(cell)) for cell in shown))
     Console(width=None if Console().is_terminal else 120).print(table)
     return _summary(faults)
 
@@ -315,7 +316,7 @@ def _summary(faults: list[tuple[str, dict[str, str]]]) -> int:
             'planned': 'was not played; give a longer --duration',
             'active': 'was not over; give a longer --duration',
         }.get(fault['state'], f'has NOT recovered: {fault["error"] or "no data"}')
-        print(f'{sensor}: {fault["kind"]} at {fault["at_s"]} s {why}')
+        print(clean(f'{sensor}: {fault["kind"]} at {fault["at_s"]} s {why}'))
     if not faults:
         print('no fault was reported: does a sensor of this bench have simulation.faults?')
         return 1

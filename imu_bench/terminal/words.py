@@ -6,26 +6,15 @@ from __future__ import annotations
 import codecs
 import sys
 
+from imu_bench.counting import clean, SPACES
+
 DONE, FAULT, USAGE, INTERRUPTED = 0, 1, 2, 130
 """Exit codes: done; the input or the machine is at fault; wrong usage; stopped with Ctrl-C."""
 
 _LONGEST = 2000
 """Characters of an error line; a file at fault can put any number of its own into it."""
 
-_SPACES = '\u00a0\u2009\u202f'  # those that stand between digits, and before a unit
 _FORGIVING = 'imu_bench.spaces'
-
-
-def clean(words: str) -> str:
-    r"""
-    Return text, perhaps from a recording, without characters that would steer the terminal.
-
-    Examples
-    --------
-    >>> clean('\x1b[31m3\u202f600 samples') == '\\x1b[31m3\u202f600 samples'
-    True
-    """
-    return ''.join(c if c.isprintable() or c in _SPACES else f'\\x{ord(c):02x}' for c in words)
 
 
 def forgiving() -> str:
@@ -47,7 +36,7 @@ def _nearest(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     part = error.object[error.start : error.end]
-    return ''.join(' ' if c in _SPACES else '?' for c in part), error.end
+    return ''.join(' ' if c in SPACES else '?' for c in part), error.end
 
 
 def complain(message: str) -> None:

@@ -3,6 +3,7 @@
 
 from collections.abc import Callable
 import os
+from pathlib import Path
 import subprocess
 import sys
 import time
@@ -94,11 +95,12 @@ def said(ros):
 
 
 class Process:
-    """One executable of the bench, as a user would start it."""
+    """One executable of the bench, as a user would start it, or a script."""
 
     def __init__(self, module, *arguments, **environment):
+        program = [str(module)] if isinstance(module, Path) else ['-m', module]
         self.process = subprocess.Popen(
-            [sys.executable, '-m', module, *arguments],
+            [sys.executable, *program, *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Others on the domain of a bench: they publish on its topics, or ask its nodes to change."""
 
+from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 from imu_bench.nodes import sensor_topics
@@ -35,6 +37,12 @@ SENSOR = {
 @pytest.fixture
 def recorder(ros, tmp_path):
     return ros.add(RecorderNode, parameters={'output': str(tmp_path / 'bag')})
+
+
+@pytest.fixture
+def start_visitor(start):
+    """Start a program on Cyclone DDS: two DDS libraries do not share a process."""
+    return partial(start, Path(__file__).with_name('visitor.py'))
 
 
 def values(status):
@@ -244,10 +252,35 @@ def test_two_benches_on_one_domain_do_not_mix(ros, elsewhere, said, tmp_path):
         assert found == {f'{space}/imu/data_raw': other != name for other, space in spaces.items()}
 
 
+def test_names_and_types_that_are_none_of_ros_end_nothing(ros, start_visitor, said, tmp_path):
+    # one that no node may have; that of the diagnostics with another type; one as it should be
+    names = '/1a/imu/data_raw', '/diagnostics', '/ok/imu/data_raw'
+    visitor = start_visitor('publish', 'cyclone', *names)
+    visitor.wait_for('up')
+    made = {'output': str(tmp_path / 'bag'), 'sensors': ['/bench/left']}
+    recorder = ros.add(RecorderNode, parameters=made)
+    ros.add(AnalysisNode)
+    ros.spin_until(lambda: names[2] in recorder._others.beside, 'what he publishes is seen')
+    ros.add(SensorNode, 'left', parameters=SENSOR)
+    ros.spin_until(lambda: recorder.received[TOPIC] > 20, 'the sensor is recorded')
+    before = recorder.received['/diagnostics']
+    ros.spin_until(lambda: recorder.received['/diagnostics'] > before + 3, 'and what is said')
+    recorder.close()
+    recording, _ = recorded(recorder)
+    assert recording.delivery.missing == 0
+    with Reader(recorder.path) as reader:
+        assert names[0] not in reader.topics
+
+
 @pytest.mark.parametrize('unknown', ['_NODE_NAME_UNKNOWN_', '_CREATED_BY_BARE_DDS_APP_'])
 def test_a_program_without_a_node_is_named_in_words(unknown):
     endpoint = SimpleNamespace(node_name=unknown, node_namespace=unknown)
     assert named(endpoint) == 'a program that is no node of ROS 2'
+
+
+def test_a_node_whose_name_would_steer_a_terminal_is_named_in_text():
+    endpoint = SimpleNamespace(node_name='a\x1b]0;owned\x07', node_namespace='/')
+    assert named(endpoint) == '/a\\x1b]0;owned\\x07'
 
 
 def test_messages_that_came_in_turn_are_of_two():

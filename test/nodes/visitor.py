@@ -79,7 +79,7 @@ def with_cyclone(control, topic=''):
     return [name.removeprefix('rt') for name in seen]
 
 
-def publish_with_cyclone(topic):
+def publish_with_cyclone(*topics):
     """Publish, as a bench on Cyclone DDS would."""
     from cyclonedds.domain import DomainParticipant
     from cyclonedds.pub import DataWriter
@@ -87,10 +87,10 @@ def publish_with_cyclone(topic):
     from foreign_client import Imu
 
     participant = DomainParticipant(int(os.environ['ROS_DOMAIN_ID']))
-    writer = DataWriter(participant, Topic(participant, f'rt{topic}', Imu))
+    writers = [DataWriter(participant, Topic(participant, f'rt{name}', Imu)) for name in topics]
     print('up', flush=True)
     sys.stdin.read()
-    del writer
+    del writers
 
 
 def publish_with_rmw(topic):
@@ -111,7 +111,7 @@ def publish_with_rmw(topic):
 if __name__ == '__main__':
     kind, *arguments = sys.argv[1:]
     if kind.startswith('publish'):
-        globals()[f'{kind}_with_{arguments[0]}'](arguments[1])
+        globals()[f'{kind}_with_{arguments[0]}'](*arguments[1:])
     else:
         looks = {'rmw': with_rmw, 'cyclone': with_cyclone}
         print(json.dumps(sorted(looks[kind](*arguments))))

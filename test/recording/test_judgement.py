@@ -100,6 +100,16 @@ def test_a_second_recorder_of_ours_is_a_fault_another_programs_is_none(judge, re
     assert 'several record this: /recorder, /recorder, another into /home/ann/night' in complaints
 
 
+def test_what_others_say_steers_no_terminal(judge, recorder, capsys):
+    evil = '\x1b]0;owned\x07'
+    recorder.values |= {f'beside./{evil}': '0', f'missed./{evil}': '2', f'several./{evil}': evil}
+    _, output, complaints = said(judge(1000), capsys)
+    assert output.count('\\x1b]0;owned') == 2
+    assert complaints.count('\\x1b]0;owned') >= 2
+    assert '\x1b' not in output + complaints
+    assert '\x07' not in output + complaints
+
+
 def test_a_flood_is_one_line_and_no_fault(judge, recorder, capsys):
     recorder.values['left_out./diagnostics'] = '1200'
     code, output, complaints = said(judge(1000), capsys)

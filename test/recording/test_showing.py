@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is shown of a recording, what ends it, and what is started again; without any process."""
 
+from io import StringIO
 from types import SimpleNamespace
 
 from imu_bench.errors import NotReady
+from imu_bench.recording.live import say
 import pytest
+from rich.console import Console
 
 pytestmark = pytest.mark.ros
 
@@ -199,3 +202,22 @@ def test_who_else_records_and_a_flood_are_told_once(running, recorder):
     ]
     recorder.values['left_out./diagnostics'] = '24'
     assert list(running.showing.look()) == []
+
+
+EVIL = '\x1b]0;owned\x07\x1b[2J'
+
+
+def test_what_others_say_steers_no_terminal(running, sensor, recorder, tmp_path):
+    recorder.values |= {f'several./{EVIL}': EVIL, f'beside./{EVIL}': '0', 'recorders': EVIL}
+    sensor.say(400, level=2, message=EVIL)
+    output = StringIO()
+    console = Console(file=output, force_terminal=True, width=200)
+    for line in running.showing.look():
+        say(line, console)
+    console.print(running.showing.table(running.showing.heading(1.0)))
+    say(running.showing.line('0:00:01'), console)
+    told = output.getvalue()
+    assert told.count('\\x1b]0;owned') >= 4
+    assert '\x1b]' not in told
+    assert '\x1b[2J' not in told
+    assert '\x07' not in told
