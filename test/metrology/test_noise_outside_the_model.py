@@ -182,6 +182,64 @@ def test_what_is_no_noise_is_said_and_claims_nothing(name):
         assert ('step' in kinds) == (name == 'step')
 
 
+def test_a_step_is_not_hidden_by_the_walk_it_was_taken_for():
+    """Of a record of 10 min nine in 60: two were claimed as K, none was a finding."""
+    for seed in (4, 8, 14, 46):
+        x = SCENARIOS['step'].make(60_000, np.random.default_rng([seed, TEN_MINUTES]))
+        result = measured(x)
+        assert [event.kind for event in result.choice.events] == ['step']
+        assert claimed([result], 'QBK') == 0
+
+
+@pytest.mark.parametrize(
+    ('name', 'seeds'),
+    [('Gauss-Markov 100 s', (1, 2, 4, 9)), ('flicker, Gauss-Markov 30 s', (0, 6, 11, 25))],
+)
+def test_a_walk_that_may_have_a_memory_is_said_to_be_open(name, seeds):
+    """Of 10 min: all were claimed as K, and no word that a process describes them as well."""
+    for seed in seeds:
+        model = measured(
+            SCENARIOS[name].make(60_000, np.random.default_rng([seed, TEN_MINUTES]))
+        ).model
+        told = model.K.reason or '; '.join(model.flags)
+        assert 'is not told from N + ' in told and 'G(' in told
+
+
+def test_a_power_law_that_fits_as_well_is_no_walk():
+    """1/f^1.3 of 10 min: all were claimed as K."""
+    for seed in (8, 10, 12, 38):
+        x = SCENARIOS['1/f^1.3'].make(60_000, np.random.default_rng([seed, TEN_MINUTES]))
+        model = measured(x).model
+        assert 'random walk is not told from N + ' in model.K.reason
+        assert model.K.high > 0.0
+
+
+def test_b_says_what_exponent_it_takes_for_1():
+    """1/f^0.8 of 1 h was claimed as B without a word."""
+    for seed in (0, 2, 9):
+        x = SCENARIOS['1/f^0.8'].make(360_000, np.random.default_rng([seed, HOUR]))
+        model = measured(x).model
+        assert model.B.observable
+        assert any('1/f^' in flag for flag in model.flags)
+        # its level where it leaves the white noise, (2πf)^0.8 = 0.2²
+        assert model.B.low <= FLICKER * 0.2**0.25 <= model.B.high
+
+
+@pytest.mark.parametrize('slope', [0.8, 1.0, 1.3])
+def test_the_exponent_and_the_level_of_the_slow_noise(slope):
+    held, levels = 0, []
+    for seed in range(4):
+        rng = np.random.default_rng([13, seed])
+        x = white(60_000, rng) + flicker(60_000, rng, 3 * FLICKER, exponent=slope)
+        choice = measured(x).choice
+        held += choice.exponent.low <= slope <= choice.exponent.high
+        levels.append(choice.levels[0] if slope > 1.0 else choice.levels[1])
+    assert held >= 3
+    # where it leaves the white noise: B²/(2πf)^a = N²
+    leaves = 0.6 ** (2.0 / slope)
+    assert np.mean(levels) == pytest.approx(3 * FLICKER * leaves ** (0.5 - 0.5 * slope), rel=0.15)
+
+
 def test_an_event_has_its_size_and_time():
     x = white(360_000, np.random.default_rng(3))
     x[144_000:] += 1e-4

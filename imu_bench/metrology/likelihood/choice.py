@@ -42,6 +42,9 @@ LEAST_BAND = 128
 NARROWER = 4.0
 """Factor by which the highest frequency comes down until a model describes the rest."""
 
+AS_WELL = 1.0
+"""What a model that fits as well may lack in −2 ln L: one parameter gains as much by chance."""
+
 _STEP = 1e-3
 
 
@@ -59,6 +62,11 @@ class Choice:
     refutes_filter: bool = False
     # part of the recorded values that were looked at: those of one piece without gaps
     share: float = 1.0
+    # exponent of the noise beside white noise, where one can be fitted
+    exponent: Estimate | None = None
+    # strength of that noise read as flicker noise, from one end to the other of where it is above
+    # white noise: the same number at both if the exponent is 1
+    levels: tuple[float, float] | None = None
 
     @property
     def speaks(self) -> bool:
@@ -99,6 +107,24 @@ class Choice:
 
 
 _TOLD = 5
+
+
+def not_told(choice: Choice) -> list[Candidate]:
+    """
+    Return the models without a random walk that fit as well as the best one, the likeliest first.
+
+    A parameter more is not held against them: this is about what is not there, not about what is.
+    """
+    most = choice.best.misfit + AS_WELL
+    return [
+        c
+        for c in choice.candidates
+        if set(c.terms) & set('GF') and 'K' not in c.terms and _holds(c) and c.misfit <= most
+    ]
+
+
+def _holds(one: Candidate) -> bool:
+    return math.isfinite(one.score)
 
 
 def like_free(models: Sequence[Candidate]) -> list[Candidate]:
@@ -169,7 +195,17 @@ def choose(
     # a straight line is what the coefficient R is for
     sized = tuple(replace(e, size=e.size * scale) for e in found if e.kind != 'line')
     model = _model(bins, models, scale, unit, confidence)
-    return Choice(tuple(models), sized, top, described, top < whole), model
+    exponent, levels = _slope(bins, models, scale, confidence)
+    heard = Choice(
+        tuple(models),
+        sized,
+        top,
+        described,
+        lowered=top < whole,
+        exponent=exponent,
+        levels=levels,
+    )
+    return heard, model
 
 
 def _model(
@@ -264,9 +300,35 @@ def _process(
     strength = replace(
         estimate(binned, squares, letters.index('G'), 'G', confidence), method=METHOD
     )
+    time = _shape(bins, best, 's', confidence)
+    return GaussMarkov(strength.scaled(scale, coefficient_unit(unit, 'G')), time)
+
+
+def _shape(bins: Bins, one: Candidate, unit: str, confidence: float) -> Estimate:
+    """Return the correlation time or exponent of a model."""
+    binned, squares, letters = _binned(bins, one)
     spread = response(binned, squares, letters.index('T')).spread(0.0)
     ratio = math.exp(min(float(special.ndtri(0.5 + 0.5 * confidence)) * spread, 20.0))
-    time = Estimate(
-        best.shape, best.shape / ratio, best.shape * ratio, 's', confidence, method=METHOD
+    return Estimate(
+        one.shape, one.shape / ratio, one.shape * ratio, unit, confidence, method=METHOD
     )
-    return GaussMarkov(strength.scaled(scale, coefficient_unit(unit, 'G')), time)
+
+
+def _slope(
+    bins: Bins, models: list[Candidate], scale: float, confidence: float
+) -> tuple[Estimate | None, tuple[float, float] | None]:
+    """Return `Choice.exponent` and `Choice.levels`."""
+    free = next((c for c in models if c.terms == 'NF' and _holds(c)), None)
+    if free is None:
+        return None, None
+    exponent = _shape(bins, free, '1', confidence)
+    white, slow = free.squares[:, None] * free.rows(bins.frequency, free.terms, free.shape)
+    seen = bins.frequency[slow > white]
+    if not seen.size:
+        return exponent, None
+    # 2 B²/(2πf) of flicker noise
+    first, last = (
+        scale * free.values['F'] * (2.0 * math.pi * f) ** (0.5 - 0.5 * free.shape)
+        for f in (seen[0], seen[-1])
+    )
+    return exponent, (min(first, last), max(first, last))

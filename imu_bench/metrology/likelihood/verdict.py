@@ -9,16 +9,20 @@ Where it is not, the fit still finds such a sum: then what the likelihood says c
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.model_choice import EQUIVALENT
 from imu_bench.metrology.fitting.noise_model import NoiseModel, TERM_NAMES
-from imu_bench.metrology.likelihood.candidates import STEEPEST
-from imu_bench.metrology.likelihood.choice import Choice, like_free, named
+from imu_bench.metrology.likelihood.candidates import Candidate, STEEPEST
+from imu_bench.metrology.likelihood.choice import Choice, like_free, named, not_told
 from imu_bench.metrology.likelihood.events import Event
 from imu_bench.metrology.whittle import disagreements
 import numpy as np
+
+CLOSE = 0.1
+"""How far an exponent may be from 1 for B to need no word of it: B is the same to 10 % then."""
 
 SEEN = 0.1
 """Part of the record up to which averaging times count as seen: ten averages, 5 differences."""
@@ -137,26 +141,51 @@ def _doubted(model: NoiseModel, choice: Choice, spectral: NoiseModel) -> NoiseMo
     """
     Return a model that knows of others that describe the spectrum about as well.
 
-    What a power law of another exponent than 1 would make of N is within its interval, and a
-    random walk that could be such a one is not claimed.
+    What a power law of another exponent than 1 would make of N and B is within their intervals,
+    and a random walk that could well be something else is not claimed.
     """
     free = like_free(choice.candidates)
     if free and model.N.observable and spectral.N.observable:
-        low, high = (
-            [end for n in (model.N, spectral.N) if (end := getattr(n, name)) is not None]
-            for name in ('low', 'high')
-        )
-        model = replace(model, N=replace(model.N, low=min(low), high=max(high)))
+        model = replace(model, N=_covering(model.N, spectral.N.low, spectral.N.high))
+    if free and model.B.observable and choice.levels is not None:
+        model = replace(model, B=_covering(model.B, *choice.levels))
+    if set(choice.best.terms) & set('GF'):
+        return model
+    best, flags = choice.best, []
     # the steepest of them is a random walk as far as a record can tell
-    rivals = [c for c in free if c.score - choice.best.score <= EQUIVALENT and c.shape < STEEPEST]
-    if rivals and not set(choice.best.terms) & set('GF'):
-        flag = f'{named(rivals[0])} describes the slow noise as well: its coefficients may be none'
-        model = replace(model, flags=(*model.flags, flag))
-        without = [c for c in rivals if 'K' not in c.terms]
-        if without:
-            reason = f'{TERM_NAMES["K"]} is not told from {named(without[0])}'
-            model = _withheld(model, 'K', reason)
-    return model
+    rivals = [c for c in free if c.score - best.score <= EQUIVALENT and c.shape < STEEPEST]
+    if rivals:
+        flags.append(
+            f'{named(rivals[0])} describes the slow noise as well: its coefficients may be none'
+        )
+    elif model.B.observable and (exponent := choice.exponent) is not None:
+        low, high = exponent.low or 0.0, exponent.high or math.inf
+        if not 1.0 - CLOSE < low < high < 1.0 + CLOSE:
+            not_one = '' if low <= 1.0 <= high else ', which it is not'
+            flags.append(f'B takes the slow noise, of 1/f^{exponent}, for 1/f{not_one}')
+    others = not_told(choice)
+    apart = [c for c in others if _apart(c, best)]
+    if apart:
+        model = _withheld(model, 'K', f'{TERM_NAMES["K"]} is not told from {named(apart[0])}')
+    elif others and model.K.observable:
+        flags.append(
+            f'K is not told from {named(others[0])}: what it makes of longer times is open'
+        )
+    return replace(model, flags=(*model.flags, *flags))
+
+
+def _apart(other: Candidate, best: Candidate) -> bool:
+    """Return whether a model that fits as well as a random walk is something else than one."""
+    if 'F' in other.terms:
+        return other.misfit <= best.misfit and other.shape < STEEPEST
+    return other.score - best.score <= EQUIVALENT
+
+
+def _covering(estimate: Estimate, low: float | None, high: float | None) -> Estimate:
+    """Return an estimate whose interval holds another one."""
+    lows = [end for end in (estimate.low, low) if end is not None]
+    highs = [end for end in (estimate.high, high) if end is not None]
+    return replace(estimate, low=min(lows), high=max(highs))
 
 
 _SOUND = 1.5

@@ -112,6 +112,8 @@ def choice_to_json(choice: Choice) -> dict[str, Any]:
         'lowered': choice.lowered,
         'refutes_filter': choice.refutes_filter,
         'share': choice.share,
+        'exponent': None if choice.exponent is None else choice.exponent.to_json(),
+        'levels': None if choice.levels is None else list(choice.levels),
         'words': list(choice.words),
         'events': [asdict(event) for event in choice.events],
         'candidates': [
@@ -148,6 +150,8 @@ def choice_from_json(document: Mapping[str, Any]) -> Choice:
         bool(document['lowered']),
         bool(document.get('refutes_filter', False)),
         float(document['share']),
+        None if (found := document.get('exponent')) is None else Estimate.from_json(found),
+        None if (ends := document.get('levels')) is None else (float(ends[0]), float(ends[1])),
     )
 
 
