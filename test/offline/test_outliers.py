@@ -66,8 +66,8 @@ def test_outliers_beside_one_another_are_told_and_replaced(recording_of, noise, 
 
 def test_slow_noise_keeps_what_it_has(recording_of, noise):
     walk = 3e-5
-    clean, _ = recorded(recording_of, noise, 3, 0.0, walk=walk)
-    dirty, _ = recorded(recording_of, noise, 3, 1e-3, walk=walk)
+    clean, _ = recorded(recording_of, noise, 6, 0.0, walk=walk)
+    dirty, _ = recorded(recording_of, noise, 6, 1e-3, walk=walk)
     one, other = (r.axes['angular_velocity.x'].model.K for r in (clean, dirty))
     assert one.value == pytest.approx(walk, rel=0.4)
     assert other.value == pytest.approx(one.value, rel=0.02)
