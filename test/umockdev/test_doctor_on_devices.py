@@ -6,6 +6,8 @@ import os
 from pathlib import Path
 import shutil
 import signal
+import struct
+import time
 
 from imu_bench.drivers import load, names
 import pytest
@@ -161,3 +163,58 @@ def test_a_node_without_permission_waits_and_comes_up_when_it_is_given(desk, clo
         process.send_signal(signal.SIGINT)
         output, _ = process.communicate()
     assert process.returncode == 0, output
+
+
+# Documentation/ABI/testing/sysfs-bus-iio of the kernel: three words of 2 bytes and a stamp
+ELEMENTS = {'accel_x': 's16/16', 'accel_y': 's16/16', 'accel_z': 's16/16', 'timestamp': 's64/64'}
+KERNELS = {
+    'name': 'adxl355', 'sampling_frequency': '100', 'in_accel_scale': '0.001',
+    'current_timestamp_clock': 'realtime', 'buffer/enable': '0', 'buffer/length': '2',
+    **{f'scan_elements/in_{name}_en': '0' for name in ELEMENTS},
+    **{f'scan_elements/in_{name}_index': str(k) for k, name in enumerate(ELEMENTS)},
+    **{f'scan_elements/in_{name}_type': f'le:{bits}>>0' for name, bits in ELEMENTS.items()},
+}  # fmt: skip
+READ = """
+import sys
+from imu_bench import bench
+from imu_bench.bus.clock import SystemClock
+acquisition = bench.build(bench.load_sensor(sys.argv[1]))
+print(acquisition.prepare(), flush=True)
+runs = []
+while not runs:
+    SystemClock().sleep_until(acquisition.step())
+    runs = acquisition.drain()
+acquisition.close()
+print(runs[0].acceleration[0, 2])
+"""
+
+
+@pytest.fixture
+def kernels(desk):
+    """Put a device that a driver of the kernel has bound on the desk; give the pipe into it."""
+    root = Path(desk.environment['UMOCKDEV_DIR'])
+    folder = root / 'sys/bus/iio/devices/iio:device0'
+    for name, text in KERNELS.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(f'{text}\n')
+    os.mkfifo(root / 'dev/iio:device0')
+    pipe = os.open(root / 'dev/iio:device0', os.O_RDWR | os.O_NONBLOCK)
+    yield pipe
+    os.close(pipe)
+    (root / 'dev/iio:device0').unlink()
+    shutil.rmtree(folder.parents[1])
+
+
+def test_what_a_driver_of_the_kernel_has_bound_is_found_and_read(desk, kernels, tmp_path):
+    parameters = {'driver': 'iio', 'backend': 'iio', 'bus': 'adxl355'}
+    sensor = tmp_path / 'second.yaml'
+    sensor.write_text(yaml.safe_dump({'/**': {'ros__parameters': parameters}}))
+    (tmp_path / 'bench.yaml').write_text('{name: desk, sensors: [{file: second.yaml}]}')
+    code, output = run(desk, *DOCTOR, tmp_path / 'bench.yaml', '--json', '--no-probe')
+    found = json.loads(output)
+    assert (code, found['kernel']) == (0, {'iio:device0': 'adxl355'})
+    assert found['sensors'][0]['found'] == f'iio:device0 adxl355: {", ".join(ELEMENTS)}'
+    process = desk.start('-c', READ, sensor)
+    assert process.stdout.readline() == 'adxl355 (Linux IIO)\n', process.communicate()[0]
+    os.write(kernels, struct.pack('<hhh2xq', 0, 0, -9807, time.monotonic_ns()))
+    assert process.communicate()[0] == '-9.807\n'
