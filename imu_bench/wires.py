@@ -63,7 +63,11 @@ def addresses_of(sensor: SensorConfig) -> dict[str, int]:
         meant = at_addresses(wiring, sensor.address, sensor.second_address)
     except ConfigError as error:
         raise ConfigError(f'{sensor.name}: {error}') from error
-    return {part: one.i2c_addresses[0] for part, one in meant.items() if one.i2c_addresses}
+    return {
+        part: one.i2c_addresses[0]
+        for part, one in meant.items()
+        if one.i2c_addresses and (not one.only_with or sensor.settings.get(one.only_with))
+    }
 
 
 def wire_of(sensor: SensorConfig) -> str:

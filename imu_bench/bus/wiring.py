@@ -18,6 +18,7 @@ class Wiring:
     """
 
     i2c_addresses: tuple[int, ...] = ()  # 7 bit, the usual one first.  Empty: not on I²C
+    only_with: str = ''  # setting without which this die is not on the bus
     i2c_increment: int = 0  # bit set in the register address of a burst, such as 0x80
     # so long it holds the clock low after each byte of data, because it is not ready
     i2c_stretch_s: float = 0.0

@@ -121,12 +121,14 @@ def _checks(sensors: tuple[SensorConfig, ...]) -> tuple[SensorCheck, ...]:
         if sensor.backend not in ('hardware', 'emulated') or not wires.wire_of(sensor):
             checks.append(_check(sensor))
             continue
-        place = PurePosixPath(sensor.bus).name, wires.addresses_of(sensor).get('')
-        owner = places.setdefault(place, sensor.name)
-        if owner == sensor.name:
+        bus = PurePosixPath(sensor.bus).name
+        addresses = tuple(wires.addresses_of(sensor).values()) or (None,)
+        owners = [places.setdefault((bus, address), sensor.name) for address in addresses]
+        others = ' and '.join(dict.fromkeys(owner for owner in owners if owner != sensor.name))
+        if not others:
             checks.append(_check(sensor))
         else:
-            taken = f'{owner} is at the same place; give one of them another bus or address'
+            taken = f'{others} is at the same place; give one of them another bus or address'
             checks.append(SensorCheck(sensor.name, bench.label(sensor), False, taken))
     return tuple(checks)
 

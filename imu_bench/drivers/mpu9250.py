@@ -45,9 +45,8 @@ class Mpu9250(FifoDriver):
     wiring: ClassVar[Mapping[str, Wiring]] = {
         # PS sections 7.2, 7.5: 1 MHz is the limit of SPI for every register
         '': Wiring(i2c_addresses=(0x68, 0x69), spi_max_hz=1_000_000),
-        # AK section 7.2; seen on the main bus when BYPASS_EN is set, never on SPI.  Used so only
-        # with magnetometer_bypass
-        MAG: Wiring(i2c_addresses=(0x0C,)),
+        # AK section 7.2; seen on the main bus when BYPASS_EN is set, never on SPI
+        MAG: Wiring(i2c_addresses=(0x0C,), only_with='magnetometer_bypass'),
     }
 
     # --- register map (RM section 3) -----------------------------------------------------

@@ -89,6 +89,31 @@ def test_emulated_sensors_that_share_a_wire_need_places_of_their_own_too():
         checkup.examine(BenchConfig('one', sensors=(wrong,)), probe=False)
 
 
+@pytest.mark.parametrize(
+    ('first', 'second', 'clash'),
+    [
+        (('lsm303dlhc', {}), ('lsm9ds1', {'address': 0x6B}), True),  # both at 0x1E
+        (('lsm303dlhc', {}), ('lsm9ds1', {'address': 0x6B, 'second_address': 0x1C}), False),
+        (('mpu9250', {}), ('mpu9250', {'address': 0x69}), False),
+        *(
+            (
+                ('mpu9250', {'magnetometer_bypass': True}),
+                ('mpu9250', {'address': 0x69, 'magnetometer_bypass': bypass}),
+                bypass,  # both at 0x0C
+            )
+            for bypass in (False, True)
+        ),
+    ],
+)
+def test_second_dies_need_places_of_their_own_where_they_are_on_the_bus(pi, first, second, clash):
+    two = [
+        hardware(name, driver, 'i2c-1', **settings)
+        for name, (driver, settings) in zip('ab', (first, second), strict=True)
+    ]
+    found = checkup.examine(BenchConfig('two', sensors=tuple(two))).sensors
+    assert [one.name for one in found if not one.ok] == ['b'] * clash
+
+
 def test_wires_are_those_of_the_sensors_and_their_speeds_are_said_to_be_known_or_not():
     config = BenchConfig(
         'many',
