@@ -120,6 +120,13 @@ class TestKalibr:
         read = Kalibr(render(Analysis((found,)), 'kalibr')).data
         assert read['gyroscope_noise_density'] == pytest.approx(at_one_second, rel=0.03)
         assert read['gyroscope_random_walk'] == 3e-6
+        # of which the strength is not known
+        unknown = Estimate.not_observable('1', 'record longer', high=1e-2)
+        found = with_coefficient(
+            found, 'angular_velocity', 'gauss_markov', replace(fit, q_c=unknown)
+        )
+        read = Kalibr(render(Analysis((found,)), 'kalibr')).data
+        assert read['gyroscope_noise_density'] == pytest.approx(N_GYRO)
 
     def test_what_is_not_observable_is_an_upper_bound_with_a_word(self, result):
         bound = Estimate.not_observable('m/s³/√Hz', 'record longer', high=3e-5)

@@ -202,7 +202,9 @@ def _remedy(axes: Sequence[AxisResult]) -> str:
 def _brief(axis: AxisResult) -> GaussMarkov | None:
     """Return the noise with a short memory of an axis, None where there is none."""
     process = axis.model.gauss_markov
-    return process if process and (process.T_c.value or math.inf) < BRIEF_S else None
+    if process is None or process.q_c.value is None or process.T_c.value is None:
+        return None
+    return process if process.T_c.value < BRIEF_S else None
 
 
 def _white(axis: AxisResult) -> Estimate:
@@ -227,9 +229,9 @@ def _white(axis: AxisResult) -> Estimate:
 
 def _walk(axis: AxisResult) -> Estimate:
     process = axis.model.gauss_markov
-    if axis.model.K.value is not None or process is None or _brief(axis) is process:
+    if axis.model.K.value is not None or process is None or process.q_c.value is None:
         return axis.model.K
-    return axis.model.K if process.q_c.value is None else process.q_c
+    return axis.model.K if _brief(axis) else process.q_c
 
 
 def _name(axis: AxisResult, term: str) -> str:
