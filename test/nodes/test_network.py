@@ -42,8 +42,8 @@ LED_OUT = {
 """Variables of a shell that is made to reach other machines."""
 
 OPEN = '/bench/open/imu/data_raw'
-UP = '0:00:0'
-"""In the lines of a recording that has begun."""
+UP = r'^\d+:\d\d:\d\d'
+"""Lines of a recording that has begun say how long it has run."""
 
 
 @pytest.fixture(scope='module')
@@ -93,7 +93,7 @@ def alone(request, permitted, tmp_path_factory):
 
 @contextmanager
 def running(command, until, **environment):
-    """Run a command; yield the process when a line of its output has a text in it."""
+    """Run a command; yield the process when a line of its output matches."""
     with subprocess.Popen(
         list(map(str, command)), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT, text=True, env=plain_environment(**environment),
@@ -102,10 +102,10 @@ def running(command, until, **environment):
         try:
             for line in process.stdout:
                 process.said.append(line)
-                if until in line:
+                if re.search(until, line):
                     break
             else:
-                raise AssertionError(f'{until!r} is not in {"".join(process.said)}')
+                raise AssertionError(f'{until!r} does not match {"".join(process.said)}')
             yield process
         finally:
             if process.poll() is None:
