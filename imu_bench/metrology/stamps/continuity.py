@@ -37,6 +37,12 @@ Mask = npt.NDArray[np.bool_]
 LOOK_AHEAD = 8
 """Groups that must all be late before samples are called missing."""
 
+LASTING = 24
+"""
+Groups on either side of a leap whose medians must differ.  Of 8 that happened by chance in one of
+10⁶ samples with jitter of 0.2 periods and one of 8000 of 0.3; of 24 in one of 5·10⁴ of 0.3.
+"""
+
 LOOK_BACK = 4
 """Single samples required around a group that is called a duplicate."""
 
@@ -56,9 +62,6 @@ _SAME = 0.7
 _BACKLOG = 0.4
 """A group earlier than the level by more ends a backlog.  This and `_SAME` were chosen by
 Monte Carlo: fewest gaps missed and invented for jitter of 0.1 to 0.3 periods."""
-
-_QUIET = 0.05
-"""Median step in lateness below which a leap of half a period, ten times as much, is no jitter."""
 
 
 class Continuity:
@@ -201,7 +204,7 @@ def _place(
     sizes = np.diff(starts, append=joined.size)
     ends = late[starts + sizes - 1]
     holes = np.zeros(starts.size)
-    holes[1:] = _holes(ends, rule)
+    holes[1:] = _holes(ends, starts, rule)
     surplus = _surplus(ends, sizes, rule)
     new = starts >= before
     gaps[starts[new] - before] = holes[new]
@@ -212,7 +215,7 @@ def _place(
     return keep, gaps, starts[new] - before
 
 
-def _holes(ends: Floats, rule: Rule) -> Floats:
+def _holes(ends: Floats, starts: Integers, rule: Rule) -> Floats:
     """Return the time across the gap before each group but the first; 0 where there is none."""
     found = np.zeros(ends.size - 1)
     leap = np.flatnonzero(np.diff(ends) >= _HALF)
@@ -226,28 +229,31 @@ def _holes(ends: Floats, rule: Rule) -> Floats:
     late = np.where(backlog, lowest, after) - before
     # the leap itself is surer of the number than levels that may span another gap
     number = np.where(backlog, late, 0.5 * (late + ends[leap + 1] - ends[leap]))
-    lasting = (late >= rule.lateness) & _lasts(ends, leap)
+    lasting = late >= rule.lateness
+    lasting[lasting] = _lasts(ends, starts, leap[lasting])
     if rule.uneven:  # steps of two lengths wander; only a step longer than both is a gap
         lasting &= ends[leap + 1] - ends[leap] >= rule.lateness
     found[leap] = np.where(lasting, (number + 1.0) * rule.period, 0.0)
     return found
 
 
-def _lasts(ends: Floats, leap: Integers) -> Mask:
+def _lasts(ends: Floats, starts: Integers, leap: Integers) -> Mask:
     """
-    Return whether the groups after a leap stay late, where jitter makes leaps of its own.
+    Return whether the groups after a leap stay late.
 
     Missing samples shift everything that follows, jitter the next group only; so the medians of
-    `LOOK_AHEAD` groups on either side must differ as well.  Where the stamps around are quiet a
-    leap speaks for itself, and other gaps beside it may count as such.
+    `LASTING` groups on either side must differ as well, of fewer where groups are long.
     """
-    reach = np.arange(LOOK_AHEAD)
-    before = ends[np.maximum(leap[:, None] - reach, 0)]
-    after = ends[np.minimum(leap[:, None] + 1 + reach, ends.size - 1)]
-    steps = np.abs(np.concatenate([np.diff(before), np.diff(after)], axis=1))
-    quiet = np.median(steps, axis=1) < _QUIET
+    reach = np.arange(LASTING)
+    first, last = (
+        np.searchsorted(starts, starts[leap + 1] + far) for far in (-2 * LASTING, 2 * LASTING)
+    )
+    first = np.maximum(np.minimum(first, leap + 1 - LOOK_AHEAD), 0)
+    last = np.minimum(np.maximum(last - 1, leap + LOOK_AHEAD), ends.size - 1)
+    before = ends[np.maximum(leap[:, None] - reach, first[:, None])]
+    after = ends[np.minimum(leap[:, None] + 1 + reach, last[:, None])]
     late = np.median(after, axis=1) - np.median(before, axis=1)
-    return np.asarray(quiet | (late >= _HALF), np.bool_)
+    return np.asarray(late >= _HALF, np.bool_)
 
 
 def _level(ends: Floats, place: Integers, direction: int) -> Floats:
