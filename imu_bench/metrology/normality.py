@@ -217,8 +217,8 @@ def normality(data: npt.ArrayLike, confidence: float = CONFIDENCE) -> Normality:
     for block in range(blocks):
         part = slice(edges[block], edges[block + 1])
         first, second = z[part], square[part]
-        sums = first.sum(), second.sum(), first @ second, second @ second
-        powers[:, block] = np.array(sums) / first.size
+        every = first, second, second * first, second**2
+        powers[:, block] = [power.mean() for power in every]
         counts[block] = np.bincount(places[part], minlength=grid.size + 1)
     skewness, kurtosis = _shape(powers, np.diff(edges), confidence)
     distance = _distance(counts, grid, confidence)

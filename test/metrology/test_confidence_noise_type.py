@@ -149,3 +149,12 @@ def test_where_the_deviation_has_flattened_it_is_no_longer_phase_noise():
         late.append(found[2:] > 0)
     # ten averages leave it to chance now and then
     assert np.mean(late) <= 0.2
+
+
+def test_one_bad_sample_does_not_decide():
+    """Differences that no cut touches, and those that one does, show the same type."""
+    rate = np.random.default_rng(4).normal(size=20_000)
+    phase, m = np.concatenate([[0.0], np.cumsum(rate)]), np.array([4, 20, 100])
+    plain = noise_type.identify(phase, m)
+    phase[9000:] += 1e3 * np.median(np.abs(rate))
+    assert noise_type.identify(phase, m).tolist() == plain.tolist() == [0, 0, 0]

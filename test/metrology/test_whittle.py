@@ -7,6 +7,7 @@ from imu_bench.errors import DataError
 from imu_bench.metrology import allan, coefficients, whittle
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.noise_model import NoiseModel
+from imu_bench.metrology.likelihood.cosines import Cosines
 from imu_bench.metrology.markov.gauss_markov import Process
 import numpy as np
 import pytest
@@ -209,3 +210,18 @@ def test_a_process_with_a_memory_is_not_taken_for_a_term():
 def test_a_correlation_time_is_positive():
     with pytest.raises(DataError, match='correlation time'):
         whittle.fit(white(1000, np.random.default_rng(1)), RATE_HZ, correlation_time=-1.0)
+
+
+@pytest.mark.parametrize('taken', [1, 300, 4095, 9000])
+def test_bins_of_terms_that_stay_are_not_counted_again(taken):
+    """Held against a transform that knows nothing of what it was before."""
+    rng = np.random.default_rng(taken)
+    whole = Cosines.of(np.cumsum(rng.normal(size=20_000)), 100.0)
+    rest = whole.without(rng.normal(size=taken))
+    again = Cosines(rest.terms, rest.rate_hz).binned(40.0)
+    found = rest.without(rng.normal(size=2)).without(np.zeros(2)).binned(40.0)
+    for one, other in ((rest.binned(40.0), again), (found, again)):
+        assert one.density[4:].tolist() == other.density[4:].tolist()
+        assert one.degrees.tolist() == other.degrees.tolist()
+    assert rest.binned(40.0).density.tolist() == again.density.tolist()
+    assert found.density[:2].tolist() != again.density[:2].tolist()

@@ -26,3 +26,10 @@ def test_extremes_and_finiteness_beyond_one_part():
 
 def test_extremes_of_nothing_but_nan():
     assert np.isnan(workspace.extremes(np.full(4, np.nan))).all()
+
+
+@pytest.mark.parametrize('size', [1, 2, 3, 4, 999, 1000])
+def test_the_median_is_that_of_numpy(size):
+    rng = np.random.default_rng(size)
+    for values in (rng.normal(size=size), np.round(rng.normal(size=size)), np.zeros(size)):
+        assert workspace.median(values) == np.median(values)

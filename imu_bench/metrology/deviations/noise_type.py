@@ -102,12 +102,15 @@ class Stretches:
     def __init__(self, runs: Integers) -> None:
         self._runs = runs
         self._lengths = runs[:, 1] - runs[:, 0]
+        self._averages: dict[int, int] = {}
         self._starts: dict[int, Integers] = {}
         self._longest_with: dict[int, int] = {}
 
     def averages(self, m: int) -> int:
         """Return the number of complete averages over m samples."""
-        return int(((self._lengths - 1) // m).sum())
+        if m not in self._averages:
+            self._averages[m] = int(((self._lengths - 1) // m).sum())
+        return self._averages[m]
 
     def longest_with(self, least: int) -> int:
         """Return the largest averaging factor with at least so many averages, 0 if none."""
