@@ -324,8 +324,9 @@ def _run_plan(
         except plan_runs.NothingMeasured:
             return FAULT  # why, has been said of each
     # files first: the reader of a pipe (`| head`) may go before the tables end
-    written = _write_plan(result, arguments)
-    show_plan(result, full=arguments.full)
+    with stages.stage('page'):
+        written = _write_plan(result, arguments)
+        show_plan(result, full=arguments.full)
     print(*written, sep='\n', end='\n' if written else '')
     severe = any(finding.severity == 'severe' for finding in result.findings)
     if arguments.strict and severe:

@@ -153,7 +153,7 @@ def _of_full_averages(variance: Floats, m: Integers, excess: Floats, span: int) 
     columns = np.stack([(1.0 + excess[used]) / steps, steps**-2, steps**0, steps, steps**2])
     weights = np.sqrt(span / steps) / np.maximum(variance[used], TINY)
     scale = np.maximum(np.linalg.norm(columns * weights, axis=1), TINY)
-    from scipy import optimize  # a third of the start-up time, and seldom needed
+    from scipy import optimize  # 0.1 s of imports, and seldom needed
 
     squares, _ = optimize.nnls((columns * weights / scale[:, None]).T, weights * variance[used])
     white = squares[0] / scale[0]
