@@ -71,9 +71,9 @@ def _add_measuring(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--pool',
-        action='store_true',
+        action=argparse.BooleanOptionalAction,
         help='a topic in several recordings is one sensor: one curve and one set of numbers, and '
-        'how far the runs differ',
+        'how far the runs differ; by default where bags tell the same serial number',
     )
     parser.add_argument(
         '--tau',
@@ -184,12 +184,11 @@ def _analyse(arguments: argparse.Namespace) -> int:
     asked = {name: getattr(arguments, name) for name in _ASKED}
     asked['command'] = arguments.command
     results = joined(results, arguments.pair)
-    if arguments.pool:
-        from imu_bench.offline.comparing.pooling import pool
-
-        results = pool(results, settings.confidence)
-        asked['pool'] = True
-    analysis = conclude(results, [*failures, *failed], settings, sheets=sheets, asked=asked)
+    if arguments.pool is not None:
+        asked['pool'] = arguments.pool
+    analysis = conclude(
+        results, [*failures, *failed], settings, sheets=sheets, asked=asked, pool=arguments.pool
+    )
     return _present(analysis, settings, arguments, sheets)
 
 

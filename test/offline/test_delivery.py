@@ -8,7 +8,9 @@ The bags are written, and messages taken out of them, by rosbags.
 from contextlib import closing
 import json
 
+from imu_bench.cli.main import main
 from imu_bench.offline import health
+from imu_bench.offline.analysis import results
 from imu_bench.offline.health import Health
 from imu_bench.offline.recordings import cache
 from imu_bench.offline.recordings.delivery import Heard
@@ -373,3 +375,37 @@ def test_the_serial_number_that_a_chip_has_told(tmp_path):
         heard._note(Status('bench/tilt: acquisition', 'hardware scl3300 spi0.0', {'part': part}))
     assert heard.serial('/bench/tilt/imu/data_raw') == '123B33'
     assert heard.serial('/bench/other/imu/data_raw') == ''
+
+
+def test_the_serial_number_of_a_converter_is_not_that_of_the_sensor_at_it(tmp_path):
+    heard = Heard(tmp_path / 'bag')
+    part = 'Monitran MTN/1100, MCC 172, serial number 01ABCDEF, firmware 1.02'
+    heard._note(Status('bench/tilt: acquisition', 'hardware mcc172', {'part': part}))
+    assert heard.serial(TOPIC) == ''
+
+
+def test_bags_that_tell_one_serial_number_are_one_sensor(tmp_path, capsys):
+    """An hour lies between the first two; the third holds the time of the second again."""
+    bags = [
+        str(
+            Recorded()
+            .sensor(0, 5, hour * 3600 * SECOND, part=lambda _: 'SCL3300, serial number 123B33')
+            .write(tmp_path / f'bag{number}')
+        )
+        for number, hour in enumerate((0, 1, 1))
+    ]
+    out = tmp_path / 'out.json'
+
+    def found(*arguments):
+        assert main(['analyze', *arguments, '--json', str(out)]) == 0
+        recordings = results.read(out).recordings
+        return recordings, {f.code: f for one in recordings for f in one.health.findings}
+
+    (sensor,), findings = found(*bags[:2])
+    assert [run.source for run in sensor.runs] == bags[:2] and sensor.serial == '123B33'
+    assert 'serial number 123B33' in findings['one_sensor'].text
+    assert '--no-pool' in findings['one_sensor'].action
+    apart, findings = found(*bags[:2], '--no-pool')
+    assert len(apart) == 2 and 'one_sensor' not in findings
+    apart, findings = found(*bags)
+    assert len(apart) == 3 and 'of the same time' in findings['not_pooled'].text

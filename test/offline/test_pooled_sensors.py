@@ -5,9 +5,11 @@ from dataclasses import replace
 import json
 from pathlib import Path
 
+from imu_bench.bags.problems import SIMULATED
 from imu_bench.cli.main import main
 from imu_bench.offline.analysis.results import read
-from imu_bench.offline.comparing.pooling import pool
+from imu_bench.offline.comparing.pooling import pool, pool_known
+from imu_bench.offline.health.finding import Finding
 import numpy as np
 import pytest
 
@@ -92,6 +94,38 @@ def test_serial_numbers_tell_sensors_of_one_topic_apart(runs, tmp_path):
     )
     alone, pair = pool([second, first, again], 0.95)
     assert alone is second and pair.serial == 'A' and len(pair.runs) == 2
+
+
+def test_recordings_of_one_serial_number_need_not_be_asked_for(runs, tmp_path):
+    out = tmp_path / 'r.json'
+    assert main(['analyze', *runs, '--json', str(out)]) == 0
+    found = read(out).recordings
+    assert len(found) == 3
+    rows = [replace(one, topic='/imu', serial='A', start_ns=n * 100, end_ns=n * 100 + 99)
+            for n, one in enumerate(found)]  # fmt: skip
+    (sensor,) = pool_known(rows, 0.95)
+    assert len(sensor.runs) == 3
+    unknown = [replace(one, serial='') for one in rows]
+    assert pool_known(unknown, 0.95) == unknown
+    note = Finding('warning', SIMULATED, 'emulated', '', '')
+    emulated = replace(rows[0], health=replace(rows[0].health, findings=(note,)))
+    assert pool_known([emulated, rows[1]], 0.95) == [emulated, rows[1]]
+
+
+def test_what_cannot_be_pooled_stays_apart_and_says_why(runs, tmp_path, capsys):
+    """One of the recordings is of half the rate."""
+    lines = Path(runs[1]).read_text(encoding='utf-8').splitlines(keepends=True)
+    Path(runs[1]).write_text(HEADER + ''.join(lines[1::2]), encoding='utf-8')
+    out = tmp_path / 'r.json'
+    assert main(['analyze', *runs[:2], '--json', str(out)]) == 0
+    found = [replace(one, topic='/imu', serial='A', start_ns=n * 100, end_ns=n * 100 + 99)
+             for n, one in enumerate(read(out).recordings)]  # fmt: skip
+    for one in pool_known(found, 0.95):
+        assert not one.runs
+        (said,) = [f.text for f in one.health.findings if f.code == 'not_pooled']
+        assert 'serial number A' in said and '100, 50 Hz' in said
+    assert main(['analyze', *runs[:2], '--pool']) == 1
+    assert '--pool: ' in capsys.readouterr().err
 
 
 def test_what_belongs_together_must_be_clear(runs, capsys):

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several recordings of one sensor as one: `analyze --pool`."""
+"""Several recordings of one sensor as one: those of one serial number, or all with `--pool`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+import itertools
 
 from imu_bench.counting import listed
 from imu_bench.errors import DataError, RecordingError
@@ -51,9 +52,78 @@ def pool(results: Sequence[RecordingResult], confidence: float) -> list[Recordin
             '--pool: no topic is in two recordings with the same serial number; there are '
             f'{listed(sorted({result.topic for result in results}), _NAMED)}'
         )
-    return [
-        found[0] if len(found) == 1 else _sensor(found, confidence) for found in sensors.values()
-    ]
+    try:
+        return [
+            found[0] if len(found) == 1 else _sensor(found, confidence)
+            for found in sensors.values()
+        ]
+    except RecordingError as error:
+        raise RecordingError(f'--pool: {error}') from error
+
+
+def pool_known(results: Sequence[RecordingResult], confidence: float) -> list[RecordingResult]:
+    """
+    Return results in which recordings of one topic and one serial number are one sensor.
+
+    What tells no number stays as it is, and so does what cannot be pooled, with the reason.
+    """
+    sensors: dict[tuple[object, ...], list[RecordingResult]] = {}
+    for index, one in enumerate(results):
+        # an emulated chip has the number of no chip
+        key = (one.topic, one.serial, bool(one.simulated)) if one.serial else (index,)
+        sensors.setdefault(key, []).append(one)
+    told = []
+    for found in sensors.values():
+        reason = _at_once(found)
+        if len(found) > 1 and not reason:
+            try:
+                told.append(_by_number(_sensor(found, confidence)))
+                continue
+            except RecordingError as error:
+                reason = str(error)
+        told += [_apart(one, len(found), reason) for one in found] if reason else found
+    return told
+
+
+def _at_once(found: Sequence[RecordingResult]) -> str:
+    """Return that recordings hold the same time, and so the same noise twice; empty if not."""
+    in_order = sorted(found, key=lambda one: one.start_ns)
+    for first, second in itertools.pairwise(in_order):
+        if second.start_ns <= first.end_ns:
+            return (
+                f'{first.topic}: {first.source} and {second.source} are of the same time, '
+                'and the same noise counts once'
+            )
+    return ''
+
+
+def _by_number(sensor: RecordingResult) -> RecordingResult:
+    """Return a pooled sensor that says why it is one, and how to see its recordings apart."""
+    told = Finding(
+        'info',
+        'one_sensor',
+        f'All {len(sensor.runs)} recordings tell the serial number {sensor.serial}.',
+        'They are one sensor here.',
+        'To see each for itself: --no-pool.',
+    )
+    return _with(sensor, told)
+
+
+def _apart(one: RecordingResult, recordings: int, reason: str) -> RecordingResult:
+    told = Finding(
+        'info',
+        'not_pooled',
+        f'{recordings} recordings tell the serial number {one.serial} and cannot be pooled: '
+        f'{reason}.',
+        'None: each stands for itself.',
+        'Give those together that belong together.',
+    )
+    return _with(one, told)
+
+
+def _with(result: RecordingResult, told: Finding) -> RecordingResult:
+    health = result.health
+    return replace(result, health=replace(health, findings=ranked([*health.findings, told])))
 
 
 def _serials(results: Sequence[RecordingResult]) -> set[str]:
@@ -77,7 +147,7 @@ def _sensor(found: Sequence[RecordingResult], confidence: float) -> RecordingRes
             try:
                 axes[name] = _axis([one.axes[name] for one in found], confidence)
             except DataError as error:
-                raise RecordingError(f'--pool: {first.topic}, {name}: {error}') from error
+                raise RecordingError(f'{first.topic}, {name}: {error}') from error
     finding = _differs({name: axis.between for name, axis in axes.items()}) or Finding(
         'info',
         'pooled',

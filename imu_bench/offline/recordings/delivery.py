@@ -50,8 +50,8 @@ Integers = npt.NDArray[np.int64]
 _NUMBER = re.compile(r'(?:_\d+)?\.(?:mcap|db3).*$')
 """What the name of a file has behind that of its bag."""
 
-_SERIAL = re.compile(r'serial number (\S+)')
-"""In what a chip says it is, as a driver reads it."""
+_SERIAL = re.compile(r'[^,]*, serial number ([^\s,]+)')
+"""In what a chip says it is, as a driver reads it; behind a second name it is that of a board."""
 
 _SHOWN = 3
 """Stretches that are named."""
@@ -207,7 +207,7 @@ class Heard:
     def serial(self, topic: str) -> str:
         """Return the serial number that the chip of a topic's sensor has told; empty if none."""
         parts = (part for name, part in self._parts.items() if f'/{name}/' in topic)
-        found = _SERIAL.search(next(parts, ''))
+        found = _SERIAL.match(next(parts, ''))
         return printable(found[1]) if found else ''
 
     def _recorder(self) -> dict[str, int]:

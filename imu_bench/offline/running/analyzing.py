@@ -53,6 +53,7 @@ def analyze(
     settings: Settings | None = None,
     *,
     pairs: Sequence[tuple[str, str]] = (),
+    pool: bool | None = None,
     sheets: Mapping[str, Mapping[str, Any]] | None = None,
     workers: Workers | None = None,
     watch: Watch | None = None,
@@ -70,6 +71,8 @@ def analyze(
         Which part is measured, and at which confidence level.
     pairs : sequence of (str, str)
         Streams of an accelerometer and a gyroscope that are one sensor.
+    pool : bool, optional
+        Whether recordings of one topic are one sensor; by default those of one serial number.
     sheets : mapping, optional
         Typical values by sensor, from `comparing.sensors.read_datasheets`.
     workers : Workers, optional
@@ -85,7 +88,7 @@ def analyze(
     Raises
     ------
     RecordingError
-        If a path holds no recording, or the pairs do not fit.
+        If a path holds no recording, or the pairs or what is to be pooled do not fit.
 
     Examples
     --------
@@ -102,7 +105,7 @@ def analyze(
     paths, options = grouped(found, options or ReadOptions())
     order = Order(options, settings)
     results, failures = measured(paths, order, workers or ThisProcess(), watch=watch)
-    return conclude(joined(results, pairs), failures, settings, sheets=sheets)
+    return conclude(joined(results, pairs), failures, settings, sheets=sheets, pool=pool)
 
 
 def measured(
@@ -152,12 +155,21 @@ def conclude(
     *,
     sheets: Mapping[str, Mapping[str, Any]] | None = None,
     asked: Mapping[str, Any] | None = None,
+    pool: bool | None = None,
 ) -> Analysis:
-    """Return one result of all recordings, compared, with what the user asked for."""
+    """
+    Return one result of all recordings, compared, with what the user asked for.
+
+    Recordings of one sensor become one: those of a serial number, or as `pool` says.
+    """
     from imu_bench.offline.analysis.results import Analysis
+    from imu_bench.offline.comparing import pooling
     from imu_bench.offline.comparing.scales import doubted
     from imu_bench.offline.comparing.sensors import compare
 
+    if pool is not False:
+        join = pooling.pool if pool else pooling.pool_known
+        recordings = join(recordings, settings.confidence)
     recordings = sorted(recordings, key=lambda recording: recording.foreign)
     compared = compare(recordings, settings.reference, sheets)
     recordings = doubted(recordings, compared)
