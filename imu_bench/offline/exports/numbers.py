@@ -142,7 +142,7 @@ class Numbers:
         for name in _PROCESSES:
             if name in models and models[name].process:
                 return self._process(models[name], METHODS[name])
-        K = axis.model.K
+        K = axis.coefficient('K')
         if K.value is not None or (self.conservative and K.high is not None):
             number = self.axis(axis, 'K')
             return Bias(number.value, math.inf, f'random walk, K: {number.note}')
@@ -228,10 +228,15 @@ def _white(axis: AxisResult) -> Estimate:
 
 
 def _walk(axis: AxisResult) -> Estimate:
+    return process.q_c if (process := _bias_process(axis)) else axis.coefficient('K')
+
+
+def _bias_process(axis: AxisResult) -> GaussMarkov | None:
+    """Return the Gauss-Markov process that stands in for a walk, None where none does."""
     process = axis.model.gauss_markov
     if axis.model.K.value is not None or process is None or process.q_c.value is None:
-        return axis.model.K
-    return axis.model.K if _brief(axis) else process.q_c
+        return None
+    return None if _brief(axis) or not axis.shows_constants else process
 
 
 def _name(axis: AxisResult, term: str) -> str:
@@ -240,7 +245,7 @@ def _name(axis: AxisResult, term: str) -> str:
 
 
 def _measured(axis: AxisResult, term: str) -> str:
-    if term == 'K' and _walk(axis) is not axis.model.K:
+    if term == 'K' and _bias_process(axis):
         return 'q_c of a Gauss-Markov process'
     if term == 'N' and _brief(axis) is not None:
         return 'with noise that has a short memory'
