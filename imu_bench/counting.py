@@ -67,6 +67,10 @@ def power_of_ten(exponent: int) -> str:
     return f'10{str(exponent).translate(_SUPERSCRIPT)}'
 
 
+_ROUNDING = 1e-12
+"""Relative width of an interval that is no more than what the sums of its mean were rounded to."""
+
+
 def with_uncertainty(value: float, low: float | None, high: float | None) -> str:
     """
     Return a value and its interval.
@@ -78,8 +82,10 @@ def with_uncertainty(value: float, low: float | None, high: float | None) -> str
     --------
     >>> with_uncertainty(243.123, 242.7, 243.5), with_uncertainty(1.0, 0.8, 1.9)
     ('243.12 ± 0.40', '1.0 (0.8 to 1.9)')
+    >>> with_uncertainty(46.54667297, 46.54667297 - 7e-15, 46.54667297 + 7e-15)
+    '46.547'
     """
-    if low is None or high is None or low == high:
+    if low is None or high is None or high - low <= _ROUNDING * abs(value):
         return number(value, 5)
     down, up = value - low, high - value
     half = 0.5 * (high - low)

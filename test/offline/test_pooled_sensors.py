@@ -57,8 +57,8 @@ def test_many_recordings_are_one_sensor(runs, tmp_path, capsys):
     assert '1 sensor in 3 runs, 3 min' in said and 'Dead reckoning: run, ' in said
     assert [run.source for run in read(out).recordings[0].runs] == runs
     text = page.read_text(encoding='utf-8')
-    assert text.count('<details class="run">') == 3
-    assert 'From run to run: 3 runs' in text and 'noise density from run to run' in text
+    assert text.count('<summary class="row">') == 3
+    assert 'From run to run: 3 runs' in text and 'noise by run' in text
 
 
 def test_turn_on_bias_is_the_scatter_of_the_means(runs, tmp_path):

@@ -80,8 +80,8 @@ def from_run_to_run(recording: RecordingResult, quantity: str) -> Iterator[tuple
     bias = [_trend(a, [run.axes[a.name].statistics['mean'] for run in runs], unit) for a in axes]
     noise = [_trend(a, [run.axes[a.name].white_density for run in runs]) for a in axes]
     for short, series, title, label in (
-        ('trend_bias', bias, 'bias from run to run, about its mean', f'bias in {unit}'),
-        ('trend_noise', noise, 'noise density from run to run', 'in % of the mean'),
+        ('trend_bias', bias, 'bias by run', f'bias less its mean, {unit}'),
+        ('trend_noise', noise, 'noise by run', 'density in % of its mean'),
     ):
         yield (
             short,

@@ -83,7 +83,8 @@ def render_report(analysis: Analysis) -> str:
         summary=sentences.of_all(analysis, compared)[len(banner) :],
         numbers=uses.filter_numbers(dict(zip(compared.labels, analysis.sensors, strict=False))),
         tables=[
-            *sensor_tables.rankings(asked, compared, level),
+            # of one sensor, its own tables say the same
+            *(sensor_tables.rankings(asked, compared, level) if len(asked) > 1 else ()),
             *sensor_tables.errors(asked, names),
             *sensor_tables.against_datasheets(compared, doubtful, simulated=bool(banner)),
         ],
