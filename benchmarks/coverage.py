@@ -4,7 +4,7 @@ Do the intervals of the deviation hold what they say?  Monte Carlo, fixed seeds.
 
 White, flicker and random-walk rate noise of known level is made many times; counted is how
 often the intervals that `imu-bench analyze` gives, which is told nothing about the noise, cover
-the true deviation.
+the true deviation, and how often it claims each coefficient.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ QUIET = 1e-6
 
 LEVELS = {0.68: 0.03, 0.95: 0.02}
 """Nominal levels and how far the coverage may be from them."""
+
+TERMS = 'QNBKR'
 
 NOISES = {0: 'white', -1: 'flicker', -2: 'random walk'}
 
@@ -70,13 +72,13 @@ def factors(n: int) -> np.ndarray:
     return np.unique(np.append(2 ** np.arange(int(np.log2(n / 10)) + 1), n // 10))
 
 
-def analyzed_curve(noise: np.ndarray, m: np.ndarray) -> DeviationCurve:
-    """Return the deviation that `imu-bench analyze` finds."""
+def analyzed_curve(noise: np.ndarray, m: np.ndarray) -> tuple[DeviationCurve, str]:
+    """Return the deviation that `imu-bench analyze` finds, and the coefficients it claims."""
     settings = Settings(taus=tuple(m.astype(float).tolist()))
     result = analyzed(noise, RATE_HZ, settings).axes[AXIS]
     if result.allan is None:
         raise ValueError('noise that is none')
-    return result.allan
+    return result.allan, ''.join(t for t in TERMS if result.coefficient(t).observable)
 
 
 @lru_cache
@@ -101,16 +103,17 @@ def held(
     alpha: int,
     n: int,
     seed: int,
-    curve_of: Callable[[np.ndarray, np.ndarray], DeviationCurve] = analyzed_curve,
+    curve_of: Callable[[np.ndarray, np.ndarray], tuple[DeviationCurve, str]] = analyzed_curve,
 ) -> dict[str, list[float]]:
-    """Return, at each averaging factor, what the intervals of one record held."""
+    """Return what the intervals of one record held at each averaging factor, and the claims."""
     _, truth = known(alpha, n)
-    curve = curve_of(made(alpha, n, seed), factors(n))
+    curve, claimed = curve_of(made(alpha, n, seed), factors(n))
     found = {'identified': (curve.alpha == alpha).astype(float).tolist()}
     for level in LEVELS:
         low, high = interval(curve.deviation, curve.edf, level)
         found[f'{level}'] = ((low <= truth) & (truth <= high)).astype(float).tolist()
     found['width'] = np.log(high / low).tolist()
+    found['claimed'] = [float(term in claimed) for term in TERMS]
     return found
 
 
@@ -151,6 +154,10 @@ def main() -> int:
                 f'{name}: coverage from {text} at any averaging time',
                 100 * furthest, at_most=100 * LEVELS[level], unit='%',
             )  # fmt: skip
+    bench.head('noise      ', *TERMS, title=f'records of {options.runs} that claim a coefficient')
+    for alpha, name in NOISES.items():
+        claims = np.sum([records[k]['claimed'] for k in keys if k[0] == alpha], axis=0)
+        bench.row(name, *(f'{count:.0f}' for count in claims))
     return bench.done()
 
 

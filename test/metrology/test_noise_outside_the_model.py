@@ -80,6 +80,25 @@ def test_a_bias_with_a_memory_is_no_random_walk():
     assert sum(holds(result, 'N', WHITE) for result in found) >= 5
 
 
+@pytest.mark.slow
+def test_a_bias_with_a_memory_leaves_the_white_noise_as_it_is():
+    """In 5 h: the first had no N, but Q and B; the second had a filter."""
+    for seed in (1, 3):
+        rng = np.random.default_rng([seed, 5 * HOUR])
+        result = measured(SCENARIOS['Gauss-Markov 100 s'].make(1_800_000, rng))
+        assert holds(result, 'N', WHITE) and result.model.N.observable
+        assert claimed([result], 'QBK') == 0 and result.model.low_pass is None
+
+
+def test_flicker_beside_a_memory_leaves_the_white_noise_as_it_is():
+    """In 1 h: two missed N, and of the last was none, but Q."""
+    for seed in (5, 12, 6):
+        rng = np.random.default_rng([seed, HOUR])
+        result = measured(SCENARIOS['flicker, Gauss-Markov 30 s'].make(360_000, rng))
+        assert holds(result, 'N', WHITE) and result.model.N.observable
+        assert claimed([result], 'QK') == 0 and result.model.low_pass is None
+
+
 def test_ringing_is_no_quantisation():
     """A resonant filter: N held in 68 % at 10 min, Q claimed in 28 of 40 at 1 h."""
     found = list(results('resonant filter', HOUR, 6))

@@ -2,9 +2,16 @@
 """Findings that the finished axes make: said once, with names; a sensor that moved makes none."""
 
 from dataclasses import replace
+import re
 
+from imu_bench.bags.topic_info import describe, OfferedQos
+from imu_bench.bags.writer import BagWriter
 from imu_bench.offline.analysis.recording import analyse, axis_findings
+from imu_bench.samples import Samples
+from msg_conversions import cdr
+from msg_conversions.templates import Template
 import numpy as np
+import pytest
 
 
 def louder_at_the_end(samples):
@@ -92,3 +99,60 @@ def test_a_knock_is_no_crowd_of_tones(recording_of, noise):
     assert len(told) == 1
     assert told[0].startswith('Tones: 7.00 Hz')
     assert 'more' not in told[0]
+
+
+def drifting(samples, celsius, per_kelvin):
+    """Return samples of one axis whose bias follows a temperature, which they hold as well."""
+    rates = np.full((len(samples), 3), np.nan)
+    rates[:, 0] = samples.angular_velocity[:, 0] + per_kelvin * (celsius - celsius[0])
+    return Samples(samples.stamps, angular_velocity=rates, temperature=celsius)
+
+
+def heater(n, period_s=120.0):
+    """Return a temperature that goes up and down, as beside a heater."""
+    time = np.arange(n) / 100.0
+    return 30.0 + 0.5 * np.sin(2.0 * np.pi * time / period_s)
+
+
+def bias_moves(result):
+    [finding] = [f for f in result.health.findings if f.code == 'bias_moves']
+    return finding.text
+
+
+def test_a_bias_that_moves_with_the_temperature_says_by_how_much(recording_of, noise):
+    """A finding said that the bias cycles, and nothing that the temperature did as well."""
+    samples = drifting(noise(11), heater(60_000), 2e-4)
+    said = bias_moves(analyse(recording_of(samples)))
+    assert 'It follows the temperature, 29.5 to 30.5 °C: angular_velocity.x by (' in said
+    value, error = re.search(r'by \(([0-9.]+) ± ([0-9.]+)\)×10⁻⁴ rad/s/K\.', said).groups()
+    assert abs(float(value) - 2.0) <= float(error) < 0.5
+    no_thermometer = analyse(recording_of(replace(samples, temperature=None)))
+    assert 'temperature' not in bias_moves(no_thermometer)
+
+
+@pytest.mark.parametrize('kind', ['another period', 'warm-up', 'noise of the thermometer'])
+def test_another_temperature_is_not_the_cause(recording_of, noise, kind):
+    """Of a bias that cycles, and of one that steps."""
+    n = 60_000
+    rng = np.random.default_rng(12)
+    other = {
+        'another period': heater(n, 47.0),
+        'warm-up': 35.0 - 10.0 * np.exp(-np.arange(n) / 15_000),
+        'noise of the thermometer': 30.0 + rng.normal(0.0, 0.1, n),
+    }[kind]
+    for cause in (heater(n), 4.0 * (np.arange(n) > 33_000)):
+        samples = replace(drifting(noise(13), cause, 1e-4), temperature=other)
+        assert 'It does not follow the temperature, ' in bias_moves(analyse(recording_of(samples)))
+
+
+def test_the_temperature_may_be_a_topic_beside(recording_of, noise, tmp_path):
+    samples = drifting(noise(14), heater(60_000), 2e-4)
+    with BagWriter(tmp_path / 'bag', 'mcap') as bag:
+        name = '/bench/chip/temperature'
+        bag.add_topic(describe(name, 'sensor_msgs/msg/Temperature', [OfferedQos()]))
+        slow = samples.stamps[::100]
+        part = (cdr.TEMPERATURE_VALUE, samples.temperature[::100, None])
+        bag.write_many(name, slow, Template('link', (0.0, 0.0)).rows(slow, part))
+    alone = replace(samples, temperature=None)
+    result = analyse(recording_of(alone, source=str(tmp_path / 'bag')))
+    assert 'It follows the temperature, 29.5 to 30.5 °C' in bias_moves(result)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from imu_bench.counting import listed
 from imu_bench.errors import DataError, RecordingError, TooShort
 from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.likelihood.events import Event
 from imu_bench.metrology.likelihood.verdict import told
 from imu_bench.metrology.stamps import timing
 from imu_bench.metrology.stamps.timing import Grid
@@ -18,12 +19,15 @@ from imu_bench.offline.analysis.axis import intervals, measure
 from imu_bench.offline.analysis.axis_result import AxisResult
 from imu_bench.offline.analysis.results import RecordingResult
 from imu_bench.offline.analysis.settings import Settings
+from imu_bench.offline.analysis.temperature import said
 from imu_bench.offline.health import Health
 from imu_bench.offline.health.check import ranked
 from imu_bench.offline.health.finding import Finding, tone_findings
 from imu_bench.offline.notation import number
 from imu_bench.offline.recordings import Recording
+from imu_bench.offline.recordings.companions import beside
 import numpy as np
+import numpy.typing as npt
 
 __all__ = ['Prepared', 'Settings', 'analyse', 'cut', 'finish', 'measure', 'prepare']
 
@@ -62,6 +66,7 @@ class Prepared:
     grid: Grid  # where on the time axis the samples are
     start_s: float  # time of the first sample in s after that of the recording
     settings: Settings
+    celsius: npt.NDArray[np.float64] | None  # temperature of each sample, if it is among them
 
 
 @stages.stage('health')
@@ -104,14 +109,32 @@ def prepare(recording: Recording, settings: Settings, problems: Sequence[str] = 
         axis._replace(spikes=state.spikes[axis.name].single) if axis.name in state.spikes else axis
         for axis in present
     )
-    return Prepared(result, present, grid, (int(stamps[0]) - origin) * 1e-9, settings)
+    since_s = (int(stamps[0]) - origin) * 1e-9
+    return Prepared(result, present, grid, since_s, settings, part.samples.temperature)
 
 
 def finish(prepared: Prepared, found: Mapping[str, AxisResult]) -> RecordingResult:
     """Return the result with its axes, in their order, and with what only these show."""
     measured = {axis.name: found[axis.name] for axis in prepared.axes}
-    health_ = _with_axes(prepared.result.health, measured)
+    health_ = _with_axes(prepared, measured)
     return replace(prepared.result, health=health_, axes=measured)
+
+
+def _why(prepared: Prepared, found: Mapping[str, AxisResult]) -> str:
+    """Return whether the temperature is why the bias of axes moved; empty if none is known."""
+    coarse = prepared.result.health.coarse
+    moved = [a for a in prepared.axes if a.name not in coarse and _events(found[a.name])]
+    if not moved:
+        return ''
+    result, grid, celsius = prepared.result, prepared.grid, prepared.celsius
+    if celsius is None:
+        source = result.health.stamp_source
+        warm = beside(result.source, result.topic, source, 'temperature')
+        if warm is None:
+            return ''
+        known = (warm.stamps - result.start_ns) * 1e-9
+        celsius = np.interp(grid.index * grid.period_s, known, warm.values[:, 0])
+    return said(moved, grid, celsius, prepared.settings.confidence)
 
 
 def cut(recording: Recording, settings: Settings) -> Recording:
@@ -149,10 +172,12 @@ def _asked(settings: Settings, first: int, last: int) -> str:
     return f'{part}, counted from the first one; the last one is at {length:.10g} s'
 
 
-def _with_axes(state: Health, found: Mapping[str, AxisResult]) -> Health:
+def _with_axes(prepared: Prepared, found: Mapping[str, AxisResult]) -> Health:
     """Return the health with what only the finished axes show."""
+    state = prepared.result.health
     moved = any(f.code == 'motion' and f.severity == 'severe' for f in state.findings)
-    extra = tuple(axis_findings(list(found.values()), moved=moved, coarse=state.coarse))
+    why = '' if moved else _why(prepared, found)
+    extra = tuple(axis_findings(list(found.values()), moved=moved, coarse=state.coarse, why=why))
     return replace(state, findings=ranked([*state.findings, *extra])) if extra else state
 
 
@@ -163,9 +188,9 @@ _SHAKEN = 10.0
 
 
 def axis_findings(
-    axes: Sequence[AxisResult], *, moved: bool, coarse: Collection[str] = ()
+    axes: Sequence[AxisResult], *, moved: bool, coarse: Collection[str] = (), why: str = ''
 ) -> Iterator[Finding]:
-    """Yield what the axes of one recording show."""
+    """Yield what the axes of one recording show, and `why` the bias of some moved."""
     yield from tone_findings(
         {axis.name: axis.psd.tones for axis in axes if axis.psd is not None},
         {axis.name: axis.statistics['std'].value or 0.0 for axis in axes},
@@ -174,7 +199,7 @@ def axis_findings(
     if not moved:
         sound = [axis for axis in axes if axis.name not in coarse]
         yield from _unsteady(sound)
-        yield from _moving(sound)
+        yield from _moving(sound, why)
         yield from _disputed(sound)
 
 
@@ -208,19 +233,20 @@ def _unsteady(axes: Sequence[AxisResult]) -> Iterator[Finding]:
     )
 
 
-def _moving(axes: Sequence[AxisResult]) -> Iterator[Finding]:
+def _events(axis: AxisResult) -> Sequence[Event]:
+    """Return what the bias of an axis does that no noise does."""
+    return axis.choice.events if axis.choice and axis.choice.speaks else ()
+
+
+def _moving(axes: Sequence[AxisResult], why: str) -> Iterator[Finding]:
     """Yield what the bias does that no noise does, and spectra that no model describes."""
-    found = [
-        f'{axis.name}: {told(event, axis.unit)}'
-        for axis in axes
-        if axis.choice and axis.choice.speaks
-        for event in axis.choice.events
-    ]
+    found = [f'{axis.name}: {told(event, axis.unit)}' for axis in axes for event in _events(axis)]
     if found:
         yield Finding(
             'warning',
             'bias_moves',
-            f'The bias does more than noise does: {listed(found, _NAMED, "; ")}.',
+            f'The bias does more than noise does: {listed(found, _NAMED, "; ")}.'
+            + (f' {why}' if why else ''),
             'B, K and R are withheld on these axes: they would describe this, not the sensor.',
             'Find the cause (temperature, supply, somebody touched it), or analyse a part without '
             'it with --start and --end.',

@@ -39,7 +39,12 @@ def companion(recording: Recording, name: str) -> Companion | None:
     if own is not None:
         values = own.reshape(len(recording), -1)
         return Companion(recording.samples.stamps, values, recording.topic)
-    path = Path(recording.source)
+    return beside(recording.source, recording.topic, recording.stamp_source, name)
+
+
+def beside(source: str, imu: str, stamp_source: str, name: str) -> Companion | None:
+    """Return what a bag has beside an Imu topic; None where the source is no bag of ROS 2."""
+    path = Path(source)
     if not (is_bag_folder(path) if path.is_dir() else kind(path)):
         return None
     quantity = BY_NAME[name]
@@ -50,8 +55,8 @@ def companion(recording: Recording, name: str) -> Companion | None:
             for channel in bag.channels
             if channel.type == quantity.message.type and channel.serialization == 'cdr'
         ]
-        topic = belonging(recording.topic, offered, name)
-        return None if topic is None else _read(bag, topic, quantity, recording.stamp_source)
+        topic = belonging(imu, offered, name)
+        return None if topic is None else _read(bag, topic, quantity, stamp_source)
     finally:
         bag.close()
 
