@@ -69,6 +69,28 @@ def test_hadamard_total_of_both_sets(published, ten):
         np.testing.assert_allclose(found, row, rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ('kind', 'rows'),
+    [
+        ('mtie', {1: 0.50597, 3: 1.2984, 7: 2.2922, 15: 2.9949, 31: 4.4550, 63: 6.5989,
+                  127: 6.8061, 255: 7.8205, 511: 7.8205}),
+        ('tie_rms', {1: 0.28832, 2: 0.40240, 10: 0.87588, 50: 1.9745, 101: 2.7603, 133: 2.9611,
+                     200: 2.8163, 247: 2.6144}),
+    ],
+)  # fmt: skip
+def test_intervals_of_time_as_stable32_prints_them(kind, rows):
+    """
+    Its PHASE.DAT is the 1000-point set without its mean frequency.
+
+    Printed by Stable32 (allantools, tests/phase.dat: phase_dat_mtie.txt, phase_dat_tierms.txt).
+    """
+    phase = thousand()
+    phase -= phase[-1] * np.arange(1001) / 1000
+    found = getattr(total, kind)(phase, list(rows))
+    # half a unit of the last of five digits
+    assert found == pytest.approx(list(rows.values()), rel=5e-5)
+
+
 def test_by_the_definitions():
     rng = np.random.default_rng(1)
     x = np.cumsum(rng.normal(size=60))
