@@ -13,6 +13,9 @@ from imu_bench.offline.health.finding import Finding
 import numpy as np
 import pytest
 
+from benchmarks._analyzed import analyzed, AXIS
+from benchmarks._misfit import RATE_HZ, SCENARIOS, WHITE
+
 HEADER = 'stamp_s,angular_velocity.x,angular_velocity.y,angular_velocity.z\n'
 N = 1e-3
 
@@ -131,3 +134,22 @@ def test_what_cannot_be_pooled_stays_apart_and_says_why(runs, tmp_path, capsys):
 def test_what_belongs_together_must_be_clear(runs, capsys):
     assert main(['analyze', runs[0], '--pool']) == 1
     assert 'two recordings of a sensor or more' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('name', ['step', 'AR(1) 0.9', 'resonant filter', 'white, random walk'])
+def test_a_pool_claims_nothing_that_its_recordings_refuse(name):
+    """The pooled curve claimed K of steps, Q of ringing, and four times the N of AR(1)."""
+    found, n = [], 60_000
+    for seed in range(3):
+        x = SCENARIOS[name].make(n, np.random.default_rng([seed, 600]))
+        stamps = (seed * 10**13 + np.arange(n) * round(1e9 / RATE_HZ)).astype(np.int64)
+        result = analyzed(3.0 * x if name == 'step' else x, RATE_HZ, None, stamps)
+        found.append(replace(result, source=f'{seed}.bag'))
+    (one,) = pool(found, 0.95)
+    model = one.axes[AXIS].model
+    truth = 3.0 * WHITE if name == 'step' else WHITE
+    assert model.N.low < truth < model.N.high
+    refused = name != 'white, random walk'
+    assert any('recordings the' in flag for flag in model.flags) == refused
+    if refused:
+        assert not any(model.coefficients[term].observable for term in 'QBKR')

@@ -11,6 +11,9 @@ from imu_bench.counting import listed
 from imu_bench.errors import DataError, RecordingError
 from imu_bench.metrology.coefficients import noise_density
 from imu_bench.metrology.estimate import Estimate
+from imu_bench.metrology.fitting.model_choice import EQUIVALENT
+from imu_bench.metrology.fitting.noise_model import NoiseModel, TERMS
+from imu_bench.metrology.likelihood.verdict import floor_seen
 from imu_bench.metrology.noise_fit import fitted
 from imu_bench.metrology.pooling import pooled, Scatter, scatter
 from imu_bench.offline.analysis.axis_result import AxisResult
@@ -22,6 +25,9 @@ from imu_bench.offline.notation import date, number, text
 
 _NAMED = 4
 """Names spelled out in one line."""
+
+_FEW = 0.1
+"""Share of recordings that may refuse a model by chance: 1 of 160 of 10 min did (misfit table)."""
 
 COMPARED = ('N', 'B', 'K')
 """Coefficients whose scatter from recording to recording is given, beside mean and σ."""
@@ -227,7 +233,6 @@ def _shared(found: Sequence[RecordingResult]) -> Iterator[Finding]:
 def _axis(same: Sequence[AxisResult], confidence: float) -> AxisResult:
     curves = [axis.allan for axis in same if axis.allan is not None]
     curve = pooled(curves)
-    model = fitted(curve, confidence)
     between = {
         name: spread
         for name in ('mean', 'std')
@@ -238,6 +243,8 @@ def _axis(same: Sequence[AxisResult], confidence: float) -> AxisResult:
         for term in COMPARED
         if (spread := scatter([axis.coefficient(term) for axis in same], confidence)) is not None
     }
+    model = _heard(fitted(curve, confidence), same, between)
+    model = floor_seen(model, max(curves, key=lambda one: one.span))
     density = noise_density(model)
     statistics = dict(same[0].statistics)
     for name in statistics:
@@ -254,6 +261,59 @@ def _axis(same: Sequence[AxisResult], confidence: float) -> AxisResult:
         model=model,
         between=between,
     )
+
+
+def _heard(
+    model: NoiseModel, same: Sequence[AxisResult], between: Mapping[str, Scatter]
+) -> NoiseModel:
+    """Return the fit of the pool, or what the recordings give where their samples refuse it."""
+    if len(same) == 1:
+        return same[0].model
+    events = sum(bool(c.events) for axis in same if (c := axis.choice) and c.speaks)
+    against = sum(_refuses(axis, model) for axis in same)
+    if against > _FEW * len(same):
+        letters = TERMS
+        why = f'in {against} of {len(same)} recordings the samples refuse the fit of the curve'
+    elif not events:
+        return model
+    else:
+        letters = 'BKR'
+        why = f'in {events} of {len(same)} recordings the bias does more than noise does'
+    kept = {
+        term: between[term].mean
+        if term in between and between[term].records == len(same)
+        else _none(found, why)
+        for term, found in model.coefficients.items()
+        if (term in letters and found.observable) or (term == 'N' and letters is TERMS)
+    }
+    if not kept:
+        return model
+    values = {term: estimate.value for term, estimate in kept.items()}
+    model = replace(
+        model,
+        fitted={t: v for t, old in model.fitted.items() if (v := values.get(t, old)) is not None},
+        low_pass=None if letters is TERMS else model.low_pass,
+        flags=(f'{why}: {", ".join(kept)} are the means of what all of them give, or nothing',),
+    )
+    for term, estimate in kept.items():
+        # a field of its own name for each letter
+        model = replace(model, **{term: estimate})  # type: ignore[arg-type]
+    return model
+
+
+def _none(found: Estimate, why: str) -> Estimate:
+    return Estimate.not_observable(found.unit, why, high=found.high, confidence=found.confidence)
+
+
+def _refuses(axis: AxisResult, pool: NoiseModel) -> bool:
+    """Return whether the samples of a recording refuse what the pooled curve was fitted with."""
+    choice = axis.choice
+    if choice is None or not choice.speaks:
+        return False
+    if choice.lowered or choice.refutes_filter or not choice.described:
+        return True
+    other = set(choice.best.terms) & set('GF') and choice.without('GF') > EQUIVALENT
+    return bool(other) and pool.gauss_markov is None
 
 
 def _differs(spread: Mapping[str, Mapping[str, Scatter]]) -> Finding | None:
