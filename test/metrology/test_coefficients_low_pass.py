@@ -51,6 +51,7 @@ def test_n_has_no_bias(order, share, n):
     model = coefficients.fit(replace(seen, deviation=expected(order, share, seen.m)))
     assert model.N.value == pytest.approx(TRUE, rel=2e-3)
     assert model.low_pass.cutoff == pytest.approx(share * RATE_HZ, rel=0.01)
+    assert model.bandwidth.low < share * RATE_HZ < model.bandwidth.high
     assert model.terms == 'N'
 
 
@@ -68,6 +69,10 @@ def test_its_interval_holds_and_nothing_else_appears(n, runs):
     assert held >= 0.95 * count - 3.0 * math.sqrt(0.95 * 0.05 * count)
     claimed = sum(model.B.observable or model.K.observable for _, model in models)
     assert claimed <= 0.05 * count
+    widths = [(share * RATE_HZ, m.bandwidth) for share, m in models if m.bandwidth is not None]
+    assert len(widths) > 0.9 * count
+    inside = sum(width.low <= true <= width.high for true, width in widths)
+    assert inside >= 0.95 * count - 3.0 * math.sqrt(0.95 * 0.05 * count)
     cutoffs = [m.low_pass.cutoff / share for share, m in models if m.low_pass is not None]
     assert len(cutoffs) > 0.9 * count
     assert np.median(cutoffs) == pytest.approx(RATE_HZ, rel=0.1)

@@ -24,6 +24,6 @@ def test_a_low_pass_filter_survives(floor):
         'model': model_to_json(model),
     }
     again = model_from_json(json.loads(json.dumps(document)))
-    assert again.low_pass == model.low_pass
+    assert (again.low_pass, again.bandwidth) == (model.low_pass, model.bandwidth)
     tau = np.array([0.01, 0.1, 10.0])
     np.testing.assert_array_equal(again.deviation(tau), model.deviation(tau))

@@ -8,6 +8,7 @@ from imu_bench.cli.main import main
 import numpy as np
 import pypdfium2
 import pytest
+from scipy import signal
 
 
 @pytest.fixture(scope='module')
@@ -19,7 +20,9 @@ def written(tmp_path_factory):
     rows = np.empty((12_000, 7))
     rows[:, 0] = 1_700_000_000.0 + np.arange(12_000) / 100.0
     rows[:, 1:4] = rng.normal([0.0, 0.0, 9.80665], 0.02, (12_000, 3))
-    rows[:, 4:] = rng.normal(0.0, 1e-3, (12_000, 3))
+    # a filter of the gyroscope at 10 Hz
+    white = rng.normal(0.0, 1e-3, (13_000, 3))
+    rows[:, 4:] = signal.lfilter(*signal.butter(1, 0.2), white, axis=0)[1000:]
     chip = folder / 'chip.csv'
     np.savetxt(chip, rows, fmt='%.9f', delimiter=',', header=','.join(['stamp_s', *names]),
                comments='')  # fmt: skip
@@ -49,6 +52,9 @@ def test_the_page_has_numbers_conditions_verdict_and_provenance(written):
     for row in ('White noise N', 'Bias instability B', 'Rate random walk K',
                 'In-run bias stability', 'Minimum seen', 'Maximum seen'):  # fmt: skip
         assert row.lower() in said.lower()
+    (width,) = re.findall(r'Bandwidth (.*?) Hz −3 dB, from the bend', said)
+    values = [float(number) for number in re.findall(r'([\d.]+) (?:±|\()', width)]
+    assert values == [pytest.approx(10.0, rel=0.1)] * 3
     assert 'Data measured' in said
     assert '2023-11-14' in said
     assert 'imu-bench analyze' in said

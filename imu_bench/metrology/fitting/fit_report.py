@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 from imu_bench.metrology.estimate import Estimate
@@ -52,6 +53,7 @@ class Report:
             R=found['R'],
             gauss_markov=self._gauss_markov(),
             low_pass=problem.low_pass,
+            bandwidth=self._bandwidth(),
             fitted=fitted,
             method=METHOD,
             tau_low=float(problem.tau[0]),
@@ -99,6 +101,27 @@ class Report:
         ratio = math.exp(min(reach, 20.0))
         return GaussMarkov(
             q_c, Estimate(time, time / ratio, time * ratio, 's', self.confidence, method=METHOD)
+        )
+
+    def _bandwidth(self) -> Estimate | None:
+        """Return the cutoff of the filter; the interval covers what each likely kind of it says."""
+        low_pass = self.problem.low_pass
+        if low_pass is None or self.chosen.started:
+            return None
+        models = [(self.problem, self.choice.best)]
+        models += [(r.problem, r.solutions[r.solutions.likeliest]) for r in self.chosen.alike]
+        reach = float(special.ndtri(0.5 + 0.5 * self.confidence))
+        cutoffs = []
+        for problem, fitted in models:
+            answer = respond(problem, fitted, widening=self.chosen.widening).get('F')
+            if problem.low_pass is None or answer is None:
+                return None
+            # the further column is linear in `LowPass.warped`
+            far = reach * answer.spread(0.0)
+            warped = problem.low_pass.warped
+            cutoffs += [replace(problem.low_pass, warped=warped + s).cutoff for s in (-far, far)]
+        return Estimate(
+            low_pass.cutoff, min(cutoffs), max(cutoffs), 'Hz', self.confidence, method=METHOD
         )
 
     def _observed(self, at: int) -> Estimate:

@@ -165,6 +165,8 @@ class NoiseModel:
     gauss_markov: GaussMarkov | None = None
     # the filter behind which the white noise is seen, where one bends the curve
     low_pass: LowPass | None = None
+    # its cutoff (−3 dB) in Hz
+    bandwidth: Estimate | None = None
     # coefficients of the fitted curve by letter.  More than the observable ones where the curve
     # shows something that could be either of two terms
     fitted: Mapping[str, float] = field(default_factory=dict)

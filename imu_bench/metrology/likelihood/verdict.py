@@ -132,6 +132,7 @@ def _replaced(
         Q=model.Q if quantised or not model.Q.observable else _blank(model.Q, why),
         R=model.R,
         low_pass=low_pass,
+        bandwidth=None if low_pass is None else model.bandwidth,
         fitted={**spectral.fitted, **{t: model.fitted[t] for t in 'R' if t in model.fitted}},
         flags=tuple(flags),
     )

@@ -86,6 +86,8 @@ def model_to_json(model: NoiseModel) -> dict[str, Any]:
         document['gauss_markov'] = {'q_c': process.q_c.to_json(), 'T_c': process.T_c.to_json()}
     if model.low_pass is not None:
         document['low_pass'] = asdict(model.low_pass) | {'cutoff_hz': model.low_pass.cutoff}
+    if model.bandwidth is not None:
+        document['bandwidth'] = model.bandwidth.to_json()
     return document
 
 
@@ -100,6 +102,8 @@ def model_from_json(document: Mapping[str, Any]) -> NoiseModel:
         fields['gauss_markov'] = GaussMarkov(**parts)
     if (low_pass := model.get('low_pass')) is not None:
         fields['low_pass'] = LowPass(*(low_pass[name] for name in _LOW_PASS))
+    if (bandwidth := model.get('bandwidth')) is not None:
+        fields['bandwidth'] = Estimate.from_json(bandwidth)
     fields['tau_high'] = np.inf if model['tau_high'] is None else model['tau_high']
     return NoiseModel(unit=document['unit'], flags=tuple(model['flags']), **fields)
 

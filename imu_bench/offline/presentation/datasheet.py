@@ -137,6 +137,10 @@ def _lines(
         floors = [_floor(a) for a in axes]
         at = ' / '.join(duration(tau) for tau, _ in floors)
         yield 'In-run bias stability', 'B', [e for _, e in floors], f'lowest point, τ = {at}'
+    if any(a.model.bandwidth for a in axes):
+        none = Estimate.not_observable('Hz', 'the curve shows no filter')
+        seen = [a.model.bandwidth or none for a in axes]
+        yield 'Bandwidth', 'rate', seen, '−3 dB, from the bend of the Allan deviation'
     bias = 'Bias' if quantity is ANGULAR_VELOCITY else 'Mean, with gravity'
     condition = 'this run' if quantity is ANGULAR_VELOCITY else 'tilt not taken off'
     yield bias, 'level', [a.statistics['mean'] for a in axes], condition
