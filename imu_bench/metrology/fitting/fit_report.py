@@ -9,6 +9,7 @@ import math
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.correlation_time import slope
 from imu_bench.metrology.fitting.fit_range import Range
+from imu_bench.metrology.fitting.low_pass import WEAKEST
 from imu_bench.metrology.fitting.model_choice import choose
 from imu_bench.metrology.fitting.model_fit import degrees_of_freedom, Fitted
 from imu_bench.metrology.fitting.noise_model import (
@@ -22,6 +23,9 @@ from imu_bench.metrology.fitting.record_length import seconds_needed, TARGET
 from imu_bench.metrology.fitting.uncertainty import respond, Response
 import numpy as np
 from scipy import special
+
+_WIDEST = 20.0
+"""Logarithm of cutoff over sample rate beyond which nobody reads an end of an interval."""
 
 METHOD = 'weighted fit of the Allan variance'
 
@@ -104,7 +108,7 @@ class Report:
         )
 
     def _bandwidth(self) -> Estimate | None:
-        """Return the cutoff of the filter; the interval covers what each likely kind of it says."""
+        """Return the cutoff of the filter; its interval covers what each likely kind says."""
         low_pass = self.problem.low_pass
         if low_pass is None or self.chosen.started:
             return None
@@ -119,7 +123,8 @@ class Report:
             # the further column is linear in `LowPass.warped`
             far = reach * answer.spread(0.0)
             warped = problem.low_pass.warped
-            cutoffs += [replace(problem.low_pass, warped=warped + s).cutoff for s in (-far, far)]
+            ends = (max(warped - far, -_WIDEST), min(warped + far, max(warped, WEAKEST)))
+            cutoffs += [replace(problem.low_pass, warped=end).cutoff for end in ends]
         return Estimate(
             low_pass.cutoff, min(cutoffs), max(cutoffs), 'Hz', self.confidence, method=METHOD
         )

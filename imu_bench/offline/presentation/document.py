@@ -55,6 +55,7 @@ class Places:
         return {
             'id': name,
             'caption': figure.title,
+            'picture': figure.image is not None,
             'height': str(height_of(model)),
             'choices': figure.choices if len(figure.choices) > 1 else (),
         }

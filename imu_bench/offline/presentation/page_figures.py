@@ -35,6 +35,14 @@ _ROW = 20  # px: each row of a legend but the first makes the figure higher
 _RULE, _FINE_RULE, _AXIS_LINE = '#dde2e8', '#f0f2f5', '#b6bec8'
 _FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif'
 _PRINTF = re.compile(r'([@$]\w+)\{%')
+_POWERS = """
+const power = Math.floor(Math.log10(tick) + 1e-9);
+if (Math.abs(power) < 4) return String(Number(tick.toPrecision(3)));
+const times = Number((tick / 10 ** power).toPrecision(3));
+const raised = String(power).replace(/./g, (one) => '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'['-0123456789'.indexOf(one)]);
+return (times === 1 ? '' : times + '×') + '10' + raised;
+"""
+"""Words at the ticks of a logarithmic axis: powers of ten as in the tables."""
 _MAJOR, _MINOR = 'return imuBenchTicks(cb_data).major', 'return imuBenchTicks(cb_data).minor'
 _SHADE = '#e8a33d'
 _LOOK = {
@@ -346,7 +354,7 @@ def _axis(label: str, log: bool) -> Model:
         return Model('LinearAxis', axis_label=label, ticker=ticks, formatter=words, **_LOOK)
     # Bokeh's own has equal steps below two decades: 500 and 1000, and nothing from 40 to 500
     ticks = Model('CustomJSTicker', major_code=_MAJOR, minor_code=_MINOR)
-    words = Model('LogTickFormatter', min_exponent=4)
+    words = Model('CustomJSTickFormatter', code=_POWERS)
     return Model('LogAxis', axis_label=label, ticker=ticks, formatter=words, **_LOOK)
 
 

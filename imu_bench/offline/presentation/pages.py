@@ -183,6 +183,8 @@ def _block(recording: RecordingResult, name: str) -> str:
 
 _NAMED_SOURCES = 12
 _DIGITS = 6
+_ON_PAGE = {'rad': '°', '(m/s²)²/Hz': 'g²/Hz'}
+"""Units of settings as test documents and vibration profiles have them."""
 
 
 def render_datasheet(described: Sheet) -> str:
@@ -252,9 +254,10 @@ def write_plan(result: PlanResult, path: str | os.PathLike[str]) -> None:
 def _setting(item: tuple[str, Any]) -> tuple[str, str]:
     name, value = item
     if isinstance(value, dict) and set(value) == {'value', 'unit'}:
-        unit = '°' if value['unit'] == 'rad' else value['unit']
+        given = str(value['unit'])
+        unit = _ON_PAGE.get(given, given)
         numbers = value['value'] if isinstance(value['value'], list) else [value['value']]
-        shown = (bare(convert(one, value['unit'], unit), _DIGITS) for one in numbers)
+        shown = (bare(convert(one, given, unit), _DIGITS) for one in numbers)
         return name, f'{", ".join(shown)} {unit}'
     if isinstance(value, list | tuple):
         return name, ', '.join(map(str, value))

@@ -224,7 +224,10 @@ class TestResult:
 
     def test_settings_stand_in_units_that_people_use(self):
         turn = {'value': 2.0 * np.pi, 'unit': 'rad'}
-        page = render(replace(self.result, settings={'turn': turn, 'axis': 'x', 'none': None}))
+        density = {'value': [0.961704], 'unit': '(m/s²)²/Hz'}
+        settings = {'turn': turn, 'density': density, 'axis': 'x', 'none': None}
+        page = render(replace(self.result, settings=settings))
+        assert '<dt>density</dt><dd>0.01 g²/Hz</dd>' in page
         assert '<dt>turn</dt><dd>360 °</dd>' in page
         assert '<dt>axis</dt><dd>x</dd>' in page
         assert '<dt>none</dt>' not in page

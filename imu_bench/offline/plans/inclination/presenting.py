@@ -25,8 +25,9 @@ _ERRORS_NOTE = (
     'distance) are those of a straight line through measured against set angles.'
 )
 _HYSTERESIS_NOTE = (
-    'Reached from above minus reached from below. What drifts between the two visits is in it: a '
-    'difference that grows towards the first angle is drift, as of a sensor that warms up.'
+    'How much more an angle reads when it is reached from above than from below; play of the '
+    'table looks the same as hysteresis of the sensor. What drifts between the two visits is in '
+    'it: a difference that grows towards the first angle is drift, as of a sensor that warms up.'
 )
 _NEARLY = 0.1
 

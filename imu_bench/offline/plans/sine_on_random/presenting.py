@@ -308,7 +308,8 @@ def _bars(campaign: Campaign, name: str, quantity: Quantity, sensor: str) -> Ite
     if series:
         number = _FIGURES[name, quantity.name]
         yield Figure(
-            f'{TITLES[quantity.name]} of {sensor}: {name} (Capriglione 2021, figure {number})',
+            f'{TITLES[quantity.name]} of {sensor}: {_WORDS[name]} {name} (Capriglione 2021, '
+            f'figure {number})',
             'axis not excited, axis excited', f'{name} in dB', tuple(series),
             categories=tuple(f'{i}{j}' for i, j in campaign.pairs),
         )  # fmt: skip
@@ -330,7 +331,7 @@ def _ratio_bars(campaign: Campaign, sensor: str) -> Iterator[Figure]:
             series.append(bars)
     if series:
         yield Figure(
-            f'Accelerometer of {sensor}: SNR (Capriglione 2021, figure 12)',
+            f'Accelerometer of {sensor}: signal-to-noise ratio SNR (Capriglione 2021, figure 12)',
             'condition and axis', 'SNR in dB',
             tuple(series), categories=tuple(f'{c} {axis}' for c, axis in places),
         )  # fmt: skip

@@ -21,6 +21,7 @@ from imu_bench.metrology.trials.envelope import Envelope, envelope, SLOWEST
 from imu_bench.metrology.trials.ride import find_ride, integrate_ride, Ride
 from imu_bench.metrology.trials.vibration import dominant, integrals, Levels, levels
 from imu_bench.offline.analysis.axes import axes
+from imu_bench.offline.notation import number
 from imu_bench.offline.plans.vibration import bearing
 from imu_bench.offline.presentation.figure import Image
 from imu_bench.offline.recordings import Recording
@@ -236,7 +237,8 @@ class _Sensor:
         size = float(np.linalg.norm(mean))
         if size < _GRAVITY_SEEN * STANDARD_GRAVITY:
             return None, (
-                f'it shows {size:.2g} m/s² of gravity: what is as slow as a ride does not reach it'
+                f'it shows {number(size, 2)} m/s² of gravity: what is as slow as a ride does not '
+                'reach it'
             )
         vertical = sum(
             columns[letter] * (mean[index] / size)
