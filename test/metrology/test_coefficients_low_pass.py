@@ -187,3 +187,13 @@ def test_any_bent_curve_gives_numbers_or_a_reason():
                 assert 0.0 <= estimate.low <= estimate.value <= estimate.high
             else:
                 assert estimate.reason
+
+
+def test_a_cutoff_that_the_curve_does_not_tell_has_finite_bounds():
+    """White noise beside a Gauss-Markov process, whose uncertainty of the cutoff is boundless."""
+    rng = np.random.default_rng(1)
+    noise = rng.normal(0.0, 1e-3, (60_000, 3))[:, 0] + Process(3e-4, 15.0).simulate(
+        60_000, 20.0, rng
+    )
+    width = fitted(allan.deviation(noise, 20.0, unit='rad/s')).bandwidth
+    assert width is None or (0.0 <= width.low <= width.value <= width.high < math.inf)
