@@ -427,7 +427,7 @@ def test_the_confidence_level_is_an_option(imu_bench, write_csv, tmp_path):
         axis = json.loads(document.read_text('utf-8'))['recordings'][0]['axes']
         found[level] = axis['angular_velocity.x']['noise_density']
         assert found[level]['confidence'] == level
-        assert f'the widest {100 * level:g} % interval' in page.read_text('utf-8')
+        assert f'<dd>{100 * level:g} % confidence interval' in page.read_text('utf-8')
     narrow, wide = found.values()
     assert narrow['value'] == wide['value']
     assert narrow['high'] - narrow['low'] < 0.7 * (wide['high'] - wide['low'])

@@ -41,11 +41,10 @@ def rankings(
 ) -> list[Table]:
     """Return a comparison table for each quantity, the quietest sensor first."""
     tables = [_ranking(name, recordings, compared) for name in compared.standings]
-    first = 'The quietest first. ' if len(recordings) > 1 else ''
     return _with_note(
         tables,
-        f'{first}±: the widest {percent(confidence)} interval among the axes; “<” is an upper '
-        'bound, where the recording cannot show the term.',
+        f'The quietest first. ±: the widest {percent(confidence)} interval among the axes; “<” is '
+        'an upper bound, where the recording cannot show the term.',
     )
 
 
