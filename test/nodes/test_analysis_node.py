@@ -127,7 +127,6 @@ def assert_equal_to_offline(samples, curves, vectors):
     window = (curves.start_ns, curves.end_ns)
     offline = analyse(recording, Settings(window_ns=window))
     assert set(curves.curves) == set(offline.axes)
-    as_fitted = []
     for name, axis in offline.axes.items():
         live = curves.curves[name]
         for field in ('tau', 'deviation', 'low', 'high', 'edf', 'terms', 'alpha'):
@@ -147,9 +146,10 @@ def assert_equal_to_offline(samples, curves, vectors):
                 assert np.isnan(published), (name, metric)
             else:
                 assert published == pytest.approx(estimate.value, rel=1e-9), (name, metric)
-        as_fitted.append(axis.noise_density.value == estimates['noise_density'].value)
-    # the likelihood of the samples, which is asked offline alone, overrules the fit now and then
-    assert 2 * sum(as_fitted) > len(as_fitted)
+        # the likelihood of the samples, asked offline alone, may overrule the fit, and says so then
+        overruled = any('not from the fit' in flag for flag in axis.model.flags)
+        fit = estimates['noise_density'].value
+        assert overruled or axis.noise_density.value == pytest.approx(fit, rel=1e-9), name
 
 
 @pytest.mark.slow
