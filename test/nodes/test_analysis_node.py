@@ -146,7 +146,7 @@ def assert_equal_to_offline(samples, curves, vectors):
                 assert np.isnan(published), (name, metric)
             else:
                 assert published == pytest.approx(estimate.value, rel=1e-9), (name, metric)
-        # the likelihood of the samples, asked offline alone, may overrule the fit, and says so then
+        # the likelihood of the samples, asked offline alone, may overrule the fit, and says so
         overruled = any('not from the fit' in flag for flag in axis.model.flags)
         fit = estimates['noise_density'].value
         assert overruled or axis.noise_density.value == pytest.approx(fit, rel=1e-9), name
