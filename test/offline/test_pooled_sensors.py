@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from benchmarks._analyzed import analyzed, AXIS
-from benchmarks._misfit import RATE_HZ, SCENARIOS, WHITE
+from benchmarks._misfit import markov, RATE_HZ, SCENARIOS, walk, WHITE, white
 
 HEADER = 'stamp_s,angular_velocity.x,angular_velocity.y,angular_velocity.z\n'
 N = 1e-3
@@ -153,3 +153,21 @@ def test_a_pool_claims_nothing_that_its_recordings_refuse(name):
     assert any('recordings the' in flag for flag in model.flags) == refused
     if refused:
         assert not any(model.coefficients[term].observable for term in 'QBKR')
+
+
+@pytest.mark.parametrize('is_walk', [True, False])
+def test_a_pool_tells_a_random_walk_from_a_process_or_says_that_it_does_not(is_walk):
+    """Of ten minutes with a correlation time of 100 s K was claimed without a word."""
+    found, n = [], 60_000
+    for seed in range(4):
+        rng = np.random.default_rng([900, 4, seed])
+        slow = walk(n, rng, 2e-5) if is_walk else markov(n, rng, 5e-5, 100.0)
+        stamps = (seed * 10**13 + np.arange(n) * round(1e9 / RATE_HZ)).astype(np.int64)
+        result = analyzed(white(n, rng) + slow, RATE_HZ, None, stamps)
+        found.append(replace(result, source=f'{seed}.bag'))
+    (one,) = pool(found, 0.95)
+    model = one.axes[AXIS].model
+    if is_walk:
+        assert model.K.low < 2e-5 < model.K.high
+    said = any(flag.startswith('K is not told from') for flag in model.flags)
+    assert said != is_walk

@@ -123,6 +123,27 @@ def not_told(choice: Choice) -> list[Candidate]:
     ]
 
 
+def walks(choices: Sequence[Choice]) -> bool:
+    """
+    Return whether records of one noise together tell a random walk from all that is none.
+
+    Records are independent, so that their −2 ln L add up.  Each may have a correlation time or an
+    exponent of its own, so that a process is found rather too often than too seldom.
+    """
+
+    def misfit(choice: Choice, walk: bool) -> float:
+        return min(
+            (
+                c.misfit
+                for c in choice.candidates
+                if ('K' in c.terms) == walk and bool(set(c.terms) & set('GF')) != walk
+            ),
+            default=math.inf,
+        )
+
+    return sum(misfit(c, False) for c in choices) > sum(misfit(c, True) for c in choices) + AS_WELL
+
+
 def _holds(one: Candidate) -> bool:
     return math.isfinite(one.score)
 

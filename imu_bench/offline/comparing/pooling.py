@@ -13,6 +13,7 @@ from imu_bench.metrology.coefficients import noise_density
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.model_choice import EQUIVALENT
 from imu_bench.metrology.fitting.noise_model import NoiseModel, TERMS
+from imu_bench.metrology.likelihood.choice import walks
 from imu_bench.metrology.likelihood.verdict import floor_seen
 from imu_bench.metrology.noise_fit import fitted
 from imu_bench.metrology.pooling import pooled, Scatter, scatter
@@ -275,7 +276,7 @@ def _heard(
         letters = TERMS
         why = f'in {against} of {len(same)} recordings the samples refuse the fit of the curve'
     elif not events:
-        return model
+        return _opened(model, same)
     else:
         letters = 'BKR'
         why = f'in {events} of {len(same)} recordings the bias does more than noise does'
@@ -299,6 +300,18 @@ def _heard(
         # a field of its own name for each letter
         model = replace(model, **{term: estimate})  # type: ignore[arg-type]
     return model
+
+
+def _opened(model: NoiseModel, same: Sequence[AxisResult]) -> NoiseModel:
+    """Return a model whose K has a remark if the samples do not tell it from something else."""
+    heard = [c for axis in same if (c := axis.choice) and c.speaks]
+    if not model.K.observable or not heard or walks(heard):
+        return model
+    flag = (
+        f'K is not told from a Gauss-Markov process, or another power law, in {len(heard)} '
+        'recordings together: what it makes of longer times is open'
+    )
+    return replace(model, flags=(*model.flags, flag))
 
 
 def _none(found: Estimate, why: str) -> Estimate:
