@@ -27,7 +27,10 @@ setup(
     name=NAME,
     version='0.1.0',
     packages=find_packages(exclude=['test', 'test.*', 'benchmarks']),
-    package_data={NAME: ['**/*.html', '**/*.css', '**/*.js', '**/*.jinja']},
+    package_data={
+        NAME: ['py.typed', '**/*.html', '**/*.css', '**/*.js', '**/*.jinja'],
+        'msg_conversions': ['py.typed'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

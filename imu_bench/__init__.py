@@ -5,12 +5,16 @@ Multi-IMU test bench: sensor drivers, emulators, noise metrology and offline ana
 What is here is imported when it is first used: ``import imu_bench`` itself takes no time.
 """
 
+from __future__ import annotations
+
 from importlib import import_module
-from typing import Any, TYPE_CHECKING
 
 from imu_bench.version import __version__ as __version__
 
+TYPE_CHECKING = False  # as typing has it, which takes longer to import than all of this
 if TYPE_CHECKING:
+    from typing import Any
+
     from imu_bench.api import analyze as analyze
     from imu_bench.api import compare as compare
     from imu_bench.api import export as export

@@ -84,7 +84,9 @@ def test_it_shows_itself(result):
     assert page.count('<tr>') == 1 + 2 * 6
     assert 'quiet' in repr(result)
     assert '39.99 s at 100.0' in repr(result[0])
-    assert len(result.plot('allan')) == 4
+    drawn = result.plot('allan')
+    assert len(drawn) == drawn._repr_html_().count('<svg') == 4
+    assert result[0].gyro.x.N._repr_html_() == str(result[0].gyro.x.N)
 
 
 def test_results_are_saved_loaded_compared_and_exported(result, tmp_path):
@@ -92,7 +94,10 @@ def test_results_are_saved_loaded_compared_and_exported(result, tmp_path):
     again = ib.load(tmp_path / 'a.json')
     assert again['loud'].gyro.x.N == result['loud'].gyro.x.N
     compared = ib.compare(tmp_path / 'a.json', result)
-    assert {line.verdict for line in compared.lines} <= {'same', 'undecided'}
+    assert {line.verdict for line in compared} <= {'same', 'undecided'}
+    assert len(compared) == len(compared.to_json()['lines'])
+    assert repr(compared).startswith(f'{len(compared)} numbers compared: ')
+    assert compared._repr_html_().count('<tr>') == len(compared) + 2
     assert ib.export(result, 'csv') == ib.export(tmp_path / 'a.json', 'csv')
     assert 'gyroscope_noise_density' in result.export('kalibr', 'quiet', conservative=True)
     result.report(tmp_path / 'a.html')
@@ -133,8 +138,21 @@ def test_the_names_of_the_page_are_those_of_the_package():
     assert told == set(ib.__all__) - {'__version__'}
 
 
+def test_curves_models_and_spectra_print_as_people_read_them():
+    noise = np.random.default_rng(4).normal(0.0, 1.0, 2000)
+    curve = ib.oadev(noise, 100.0, unit='rad/s')
+    assert repr(curve).startswith(f'<oadev in rad/s: {len(curve)} averaging times from 0.01 to ')
+    assert f'\nN = {ib.fit(curve).N}\n' in str(ib.fit(curve))
+    assert '²/Hz: ' in repr(ib.psd(noise, 100.0, unit='rad/s'))
+
+
+def test_types_are_there_for_others():
+    for package in ('imu_bench', 'msg_conversions'):
+        assert (DOCS.parent / package / 'py.typed').is_file()
+
+
 def test_importing_it_imports_nothing_else():
     code = 'import sys, imu_bench; print(*sorted({n.split(".")[0] for n in sys.modules}))'
     command = [sys.executable, '-c', code]
     found = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
-    assert not {'numpy', 'scipy', 'yaml', 'msg_conversions'} & set(found)
+    assert not {'numpy', 'scipy', 'yaml', 'msg_conversions', 'typing'} & set(found)

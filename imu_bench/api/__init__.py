@@ -24,7 +24,7 @@ import os
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from imu_bench.api.views import Paths
+from imu_bench.api.views import Changes, Paths
 from imu_bench.api.views import Result as Result
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.allan import deviation
@@ -33,7 +33,7 @@ from imu_bench.metrology.estimate import CONFIDENCE
 from imu_bench.offline import analyze as _analyze
 from imu_bench.offline.analysis import results
 from imu_bench.offline.analysis.settings import Settings
-from imu_bench.offline.comparing.runs import compare_runs, named, RunComparison
+from imu_bench.offline.comparing.runs import compare_runs, named
 from imu_bench.offline.recordings import load_all, open_source, ReadOptions, Recording
 from imu_bench.samples import Samples
 
@@ -146,7 +146,7 @@ def simulate(
     }
 
 
-def compare(*found: Result | Paths) -> RunComparison:
+def compare(*found: Result | Paths) -> Changes:
     """
     Return results, or files of such, against the first of them.
 
@@ -160,7 +160,7 @@ def compare(*found: Result | Paths) -> RunComparison:
         whole = each if isinstance(each, Result) else load(each)
         analyses.append(whole.analysis)
         paths.append(f'result {number}' if isinstance(each, Result) else os.fspath(each))
-    return compare_runs(named(paths, analyses))
+    return Changes(compare_runs(named(paths, analyses)))
 
 
 def export(found: Result | Paths, to: str, topic: str = '', *, conservative: bool = False) -> str:
@@ -189,5 +189,39 @@ def export(found: Result | Paths, to: str, topic: str = '', *, conservative: boo
 def oadev(
     data: npt.ArrayLike, rate_hz: float, *, confidence: float = CONFIDENCE, **options: Any
 ) -> DeviationCurve:
-    """Return the overlapping Allan deviation: `deviation` with kind='oadev'."""
+    """
+    Return the overlapping Allan deviation of one axis: `deviation` with kind='oadev'.
+
+    Parameters
+    ----------
+    data : array_like, shape (n,)
+        Samples of a rate (angular velocity, acceleration) on a regular time grid.
+    rate_hz : float
+        Sample rate in Hz.
+    confidence : float
+        Level of the intervals.
+    **options : object
+        Those of `deviation`: tau, valid, unit, overlap, threads, ...
+
+    Returns
+    -------
+    DeviationCurve
+        tau in s; deviation, low and high in `unit`; all of shape (k,).
+
+    Raises
+    ------
+    DataError
+        If the data give not one averaging time, or a sample is NaN that `valid` does not name.
+
+    References
+    ----------
+    NIST SP 1065 (2008), section 5.2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> curve = oadev(np.random.default_rng(1).normal(0.0, 1e-3, 10_000), 100.0, unit='rad/s')
+    >>> print(curve.at(0))
+    0.001003 ± 0.000017 rad/s
+    """
     return deviation(data, rate_hz, kind='oadev', confidence=confidence, **options)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from html import escape
+from io import StringIO
 import os
 from typing import Any, TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from imu_bench.offline import exports
 from imu_bench.offline.analysis import results
 from imu_bench.offline.analysis.axis_result import AxisResult, Density, STATISTICS
 from imu_bench.offline.analysis.results import Analysis, RecordingResult
+from imu_bench.offline.comparing.runs import Change, RunComparison
 from imu_bench.offline.comparing.sensors import labels
 from imu_bench.offline.health import Health
 from imu_bench.offline.notation import rate_text, text, unit_of
@@ -34,6 +36,60 @@ SHORT = {
     'magnetometer': 'magnetic_field',
 }
 """Names of quantities as people say them."""
+
+
+class Figures(list['Figure']):
+    """Figures of matplotlib, which a notebook shows one below the other."""
+
+    def _repr_html_(self) -> str:
+        return ''.join(map(_svg, self))
+
+
+class Changes:
+    """
+    Results against the first of them.
+
+    Parameters
+    ----------
+    compared : RunComparison
+        Its lines are iterated over: sensor, run, axis, parameter, reference, value, ratio,
+        difference, e_n and verdict ('same', 'higher', 'lower' or 'undecided').
+    """
+
+    def __init__(self, compared: RunComparison) -> None:
+        self.compared = compared
+
+    @property
+    def lines(self) -> tuple[Change, ...]:
+        """Every number against that of the reference."""
+        return self.compared.lines
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def __iter__(self) -> Iterator[Change]:
+        return iter(self.lines)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON document that ``imu-bench compare --json`` writes."""
+        return self.compared.to_json()
+
+    def __repr__(self) -> str:
+        from imu_bench.offline.presentation import run_tables
+
+        return '\n'.join(run_tables.summary(self.compared))
+
+    def _repr_html_(self) -> str:
+        from imu_bench.offline.presentation import run_tables
+        from imu_bench.offline.presentation.tables import cells
+
+        parts = [f'<p>{escape(repr(self))}</p>']
+        for sensor, run in dict.fromkeys((line.sensor, line.run) for line in self.lines):
+            table = run_tables.table(self.compared, sensor, run, run_tables.ON_PAGE)
+            parts.append(f'<p>{escape(sensor)}: {escape(table.title)}</p>')
+            heads = [column.title for column in table.columns]
+            parts.append(_html(heads, [[cell.text for cell in row] for row in cells(table)]))
+        return ''.join(parts)
 
 
 class Axis:
@@ -227,9 +283,9 @@ class Result:
 
         write_report(self.analysis, path)
 
-    def plot(self, kind: str = 'allan') -> list[Figure]:
+    def plot(self, kind: str = 'allan') -> Figures:
         """
-        Return figures of matplotlib: one for each quantity of each sensor.
+        Return figures of matplotlib, which Jupyter shows: one for each quantity of each sensor.
 
         Parameters
         ----------
@@ -244,13 +300,13 @@ class Result:
         from imu_bench.offline.presentation.figure_files import draw, look
 
         with look():
-            return [
+            return Figures(
                 draw(figure)
                 for sensor in self.sensors
                 for quantity in SHORT.values()
                 for drawn, figure in analysis_figures.of_sensor(sensor.result, quantity)
                 if drawn == kind
-            ]
+            )
 
     def to_pandas(self) -> pandas.DataFrame:
         """
@@ -320,14 +376,27 @@ def _table(sensors: list[Sensor]) -> str:
     """Return N, B, K and the noise density of every axis as a table of HTML."""
     shown = (('noise density', 'noise_density', 'density'), ('N', 'N', 'N'), ('B', 'B', 'B'),
              ('K', 'K', 'K'))  # fmt: skip
-    heads = ''.join(f'<th>{escape(head)}</th>' for head, _, _ in shown)
     rows = []
     for sensor in sensors:
-        made = f' ({escape(sensor.simulated)})' if sensor.simulated else ''
+        made = f' ({sensor.simulated})' if sensor.simulated else ''
         for name, axis in sensor.axes.items():
             found = [(getattr(axis, attribute), role) for _, attribute, role in shown]
-            cells = ''.join(f'<td>{escape(text(e, unit_of([e], role)))}</td>' for e, role in found)
-            label = f'{escape(sensor.label)}{made}'
-            rows.append(f'<tr><td>{label}</td><td>{escape(name)}</td>{cells}</tr>')
-    head = f'<tr><th>sensor</th><th>axis</th>{heads}</tr>'
-    return f'<table><thead>{head}</thead><tbody>{"".join(rows)}</tbody></table>'
+            numbers = [text(e, unit_of([e], role)) for e, role in found]
+            rows.append([f'{sensor.label}{made}', name, *numbers])
+    return _html(['sensor', 'axis', *(head for head, _, _ in shown)], rows)
+
+
+def _html(heads: list[str], rows: list[list[str]]) -> str:
+    """Return a table of HTML, with every text escaped."""
+    head = ''.join(f'<th>{escape(each)}</th>' for each in heads)
+    body = ''.join(
+        f'<tr>{"".join(f"<td>{escape(cell)}</td>" for cell in row)}</tr>' for row in rows
+    )
+    return f'<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+
+
+def _svg(figure: Figure) -> str:
+    file = StringIO()
+    figure.savefig(file, format='svg', metadata={'Date': None})
+    written = file.getvalue()
+    return written[written.index('<svg') :]  # without what only a file of its own has

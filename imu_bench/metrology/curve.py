@@ -55,6 +55,10 @@ class DeviationCurve:
     def __len__(self) -> int:
         return int(self.m.size)
 
+    def __repr__(self) -> str:
+        ends = f' from {self.tau[0]:.4g} to {self.tau[-1]:.4g} s' if len(self) else ''
+        return f'<{self.kind} in {self.unit}: {len(self)} averaging times{ends}>'
+
     @property
     def noise(self) -> list[str]:
         """Names of the noise identified at each point."""

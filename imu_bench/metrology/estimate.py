@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from html import escape
 import math
 from typing import Any
 
@@ -67,6 +68,9 @@ class Estimate:
             return with_uncertainty(self.value, self.low, self.high) + unit
         bound = '' if self.high is None else f'below {number(self.high, 2)}{unit}; '
         return f'{bound}not observable: {self.reason}'
+
+    def _repr_html_(self) -> str:
+        return escape(str(self))
 
     @classmethod
     def not_observable(

@@ -177,6 +177,9 @@ class NoiseModel:
     chi2: float = 1.0  # mean squared residual over its expectation; about 1 for a model that fits
     flags: tuple[str, ...] = ()  # what a reader should know, one sentence each
 
+    def __str__(self) -> str:
+        return '\n'.join(f'{term} = {getattr(self, term)}' for term in 'QNBKR')
+
     @property
     def tau_flat(self) -> float:
         """

@@ -59,6 +59,10 @@ class Spectrum:
     bias: float
     confidence: float  # level of the interval
 
+    def __repr__(self) -> str:
+        ends = f'{self.frequency[0]:.4g} to {self.frequency[-1]:.4g} Hz'
+        return f'<spectrum in {self.density_unit}: {ends}, {self.segments} segments>'
+
     @property
     def density_unit(self) -> str:
         """Unit of `density`."""
