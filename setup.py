@@ -37,6 +37,7 @@ setup(
         *share('config/**/*.yaml'),
         *share('config/**/*.xml'),
         *share('launch/*_launch.py'),
+        ('share/man/man1', ['docs/man/imu-bench.1']),
     ],
     python_requires='>=3.10',
     install_requires=[

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import io
 import math
 
 _SMALLEST = -3  # exponent of what is written without a power of ten beside its uncertainty
@@ -11,6 +12,14 @@ _SUPERSCRIPT = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 
 SPACES = '\u00a0\u2009\u202f'
 """Those that stand between digits, and before a unit."""
+
+
+class Silence(io.TextIOBase):
+    """Stands in for stdout where nothing is to be told (``--quiet``)."""
+
+    def write(self, text: str) -> int:
+        """Take a text and leave it at that."""
+        return len(text)
 
 
 def count(things: int, name: str) -> str:

@@ -55,6 +55,25 @@ def test_run_works_where_it_is_called_from(tmp_path):
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, str(caller), '')
 
 
+@pytest.mark.parametrize('named', ['', 'mine'])
+def test_run_says_which_python_it_takes_and_why(tmp_path, named):
+    shutil.copy(ROOT / 'run', tmp_path)
+    (tmp_path / 'setup.py').touch()
+    # stands in for an interpreter that is too old, and for one that makes nothing
+    old, new = 'case $1 in --version) echo Python 3.8.1;; *) false;; esac', 'test "$1" = -c'
+    for name, does in (('python3', old), ('python3.12', new), ('mine', new)):
+        (tmp_path / name).write_text(f'#!/bin/sh\n{does}\n')
+        (tmp_path / name).chmod(0o755)
+    done = subprocess.run(
+        [tmp_path / 'run', 'exec', 'true'], capture_output=True, text=True, check=False,
+        env={'PATH': f'{tmp_path}:/usr/bin:/bin', 'PYTHON': named},
+    )  # fmt: skip
+    assert done.returncode == 1
+    why = 'mine: PYTHON names it' if named else 'python3.12: the first on PATH that is 3.10 or '
+    assert f'/{why}' in done.stderr
+    assert ('passed over: python3 (Python 3.8.1)' in done.stderr) == (not named)
+
+
 def test_every_source_file_names_its_licence():
     folders = ('imu_bench', 'msg_conversions', 'test', 'benchmarks', 'launch')
     files = [path for folder in folders for path in (ROOT / folder).rglob('*.py')]

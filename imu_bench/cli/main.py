@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import nullcontext, redirect_stdout
 import difflib
 from importlib import import_module
+from importlib.util import find_spec
 import io
 import os
 from pathlib import Path
@@ -22,6 +24,7 @@ import sys
 from typing import NoReturn
 
 from imu_bench.cli import completion
+from imu_bench.counting import Silence
 from imu_bench.errors import BenchError, ConfigError, os_error_text
 from imu_bench.terminal.words import complain, FAULT, forgiving, INTERRUPTED, USAGE
 from imu_bench.version import __version__
@@ -55,6 +58,11 @@ _OWN_DASHES = ('--columns',)
 """Options whose value may begin with a dash, which argparse takes for another option."""
 
 
+_PRINTERS, _PRINTED = ('export', 'list'), ('json', 'list', 'setup')
+"""Verbs and flags that are there for what they print."""
+
+_QUIET = 'no tables, notes and progress: files, errors and the exit code'
+
 _NAMED = ('BENCH', 'bench', '--plan')
 
 
@@ -87,10 +95,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if unknown:
         arguments.usage_of.error(_unknown(unknown, arguments.usage_of))
     if arguments.run is None:
-        parser.print_help()
+        print(_what_next())
         return USAGE
     try:
-        code = int(arguments.run(arguments))
+        with redirect_stdout(Silence()) if _hushed(arguments) else nullcontext():
+            code = int(arguments.run(arguments))
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
@@ -109,6 +118,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         complain(os_error_text(error))
     return FAULT
+
+
+def _what_next() -> str:
+    """Return what to try first on this machine."""
+    steps = [
+        ('analyze RECORDING --html report.html', 'a bag, CSV, array of yours'),
+        ('simulate machine_vibration -o night', 'six sensors, without waiting'),
+        ('doctor', 'what this computer has'),
+        ('list', 'benches, tests, plans, sensors'),
+        ('--help', 'verbs; VERB --help: options'),
+    ]
+    last = 'ROS 2 is not installed here, or not sourced: all but nodes and the demo works.'
+    if find_spec('rclpy') is not None:
+        steps.insert(0, ('demo', 'six emulated sensors live'))
+        last = ''
+    title = f'imu-bench {__version__}: which IMU to buy, and which noise numbers a filter needs'
+    lines = [f'  imu-bench {step:37} {what}' for step, what in steps]
+    return '\n'.join([title, '', *lines, *filter(None, [last])])
+
+
+def _hushed(arguments: argparse.Namespace) -> bool:
+    """Return whether nothing is to be told; what is asked to be printed is printed still."""
+    asked = any(getattr(arguments, name, None) is True for name in _PRINTED)
+    return getattr(arguments, 'quiet', False) and not asked
 
 
 def _allow_every_character() -> None:
@@ -139,6 +172,8 @@ def build_parser() -> argparse.ArgumentParser:
     for name, verb in verbs.choices.items():
         verb.set_defaults(usage_of=verb)
         verb.formatter_class = _Formatter
+        if name not in _PRINTERS:
+            verb.add_argument('-q', '--quiet', action='store_true', help=_QUIET)
         verb.epilog = '\n  '.join(('examples:', *_EXAMPLES[name]))
         if any(word in verb.format_usage() for word in _NAMED):
             verb.epilog += '\n\nnames of benches, plans, scenarios: imu-bench list'

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from typing import TYPE_CHECKING
 
-from imu_bench.counting import clean
+from imu_bench.counting import clean, Silence
 from imu_bench.errors import NotReady
 from rich.console import Console
 from rich.live import Live
@@ -28,12 +29,14 @@ def say(line: str, console: Console | None = None) -> None:
 
 def show(showing: Showing, up_within_s: float) -> None:
     """Show a recording until it is over."""
+    hushed = isinstance(sys.stdout, Silence)
     console = Console(stderr=True)
+    shown = Console(stderr=True, quiet=True) if hushed else console
     began = said = time.monotonic()
-    with Live(console=console, refresh_per_second=4, transient=False) as live:
+    with Live(console=shown, refresh_per_second=4, transient=False) as live:
         while True:
             for line in showing.look():
-                say(line, live.console)
+                say(line, console)
             if showing.begun_s is None and showing.ready():
                 showing.begin()
             now = time.monotonic()
@@ -47,6 +50,6 @@ def show(showing: Showing, up_within_s: float) -> None:
                 live.update(showing.table(heading))
             elif now - said > LINE_EVERY_S:
                 said = now
-                say(showing.line(heading), console)
+                say(showing.line(heading), shown)
             # the pace of the display, nothing waits for it
             time.sleep(min(REFRESH_S, max(0.0, showing.left(ran))))

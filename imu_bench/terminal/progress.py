@@ -7,6 +7,8 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from imu_bench.counting import Silence
+
 # imported late: whoever is quick, or works where nobody watches, needs no bar
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -31,7 +33,7 @@ class Bar:
     """
 
     def __init__(self, patience_s: float = PATIENCE_S) -> None:
-        self._visible = sys.stderr.isatty()
+        self._visible = sys.stderr.isatty() and not isinstance(sys.stdout, Silence)
         self._patience_s = patience_s
         self._begun = time.monotonic()
         self._title = ''
