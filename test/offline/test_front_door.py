@@ -50,3 +50,14 @@ def test_nothing_heavy_is_imported_before_it_is_used():
     code = 'import sys; from imu_bench import offline; print("numpy" in sys.modules)'
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == 'False'
+
+
+def test_an_analysis_imports_of_scipy_what_all_of_them_need():
+    """A correlation with the temperature had brought the optimizers along, 0.1 s of every run."""
+    rooms = 'optimize', 'signal', 'stats', 'interpolate', 'sparse', 'integrate'
+    code = (
+        'import sys, imu_bench.offline.analysis.recording\n'
+        f'print([m for m in {rooms} if "scipy." + m in sys.modules])'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == '[]'

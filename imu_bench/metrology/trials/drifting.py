@@ -24,7 +24,7 @@ from imu_bench.metrology.combining import symmetric
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, optimize, special
+from scipy import fft, special
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -109,6 +109,8 @@ class Regression:
         # all mixtures agree, or nearly: rounding decides about the signs
         if high - low <= 1e-9 * float(errors.max()) or beyond(low) * beyond(high) >= 0.0:
             return 0.5 * (low + high)
+        from scipy import optimize  # 0.1 s of imports, and not needed where all mixtures agree
+
         return float(optimize.brentq(beyond, low, high, xtol=1e-4 * float(errors.min())))
 
 

@@ -10,7 +10,7 @@ import math
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize, special
+from scipy import special
 
 Floats = npt.NDArray[np.float64]
 
@@ -76,6 +76,8 @@ def _exponential(t: Floats, y: Floats, rise: float, confidence: float) -> WarmUp
 
     guess = np.array([y[-1], rise, math.log(t[-1] / 4.0)])
     bounds = ([-np.inf, -np.inf, math.log(t[1])], [np.inf, np.inf, math.log(10.0 * t[-1])])
+    from scipy import optimize  # 0.1 s of imports, which what only regresses does not need
+
     found = optimize.least_squares(settling, guess, bounds=bounds)
     freedom = t.size - 3
     # quantised readings repeat themselves: count only those that differ
