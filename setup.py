@@ -79,7 +79,8 @@ setup(
             'cyclonedds==11.0.1',
             'colcon-common-extensions',
             'pypdfium2>=4',
-            'setuptools<80',  # colcon builds ament_python packages with setup.py develop
+            # colcon builds ament_python packages with setup.py develop; 70.1 builds wheels itself
+            'setuptools>=70.1,<80',
         ],
     },
     zip_safe=True,
@@ -87,6 +88,8 @@ setup(
     maintainer='imu_bench maintainers',
     maintainer_email='maintainers@imu-bench.invalid',
     description='A test bench for several IMUs: nodes, emulators, noise metrology, reports.',
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -15,7 +15,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-import resource
 import signal
 import threading
 import time
@@ -83,6 +82,8 @@ def lock_memory() -> bool:
     while, and read it from the disk again in the midst of a reading.  What a process forks has to
     ask for itself (mlockall(2)).
     """
+    import resource  # here: Windows simulates without it
+
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_ONFAULT):
         return False
@@ -113,6 +114,8 @@ def still(given: str) -> str:
 
 def limit() -> None:
     """Let no thread of this process spin at a raised priority; call from the main thread."""
+    import resource
+
     signal.signal(signal.SIGXCPU, _spins)
     soft, hard = (round(seconds * 1e6) for seconds in (PAUSE_S, KILLED_S))
     _, most = resource.getrlimit(resource.RLIMIT_RTTIME)

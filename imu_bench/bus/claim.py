@@ -9,7 +9,6 @@ chip.  What talks to other chips of the bus does no harm.
 
 from __future__ import annotations
 
-import fcntl
 import os
 from pathlib import Path
 import struct
@@ -38,6 +37,8 @@ def claim(fd: int, place: int, where: str, patience_s: float = PATIENCE_S) -> No
     An open file description lock on one byte of the device file (fcntl(2), F_OFD_SETLK).
     Nothing happens if it is taken already.
     """
+    import fcntl  # here: what never opens a bus works where it is not
+
     request = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, place, 1, 0)
     deadline = time.monotonic() + patience_s
     while True:

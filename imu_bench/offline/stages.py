@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import os
-import resource
 import sys
 import time
 from typing import TypeVar
@@ -98,6 +97,10 @@ def _closed() -> Account:
 
 
 def _peak() -> int:
+    try:
+        import resource
+    except ModuleNotFoundError:  # Windows does not have it
+        return 0
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _MAXRSS
 
 
