@@ -148,7 +148,7 @@ def faults_of(sensor: SensorConfig) -> tuple[Fault, ...]:
 
 def label(sensor: SensorConfig) -> str:
     """
-    Return what stands behind a sensor, for logs and the hardware id of diagnostics.
+    Return what stands behind a sensor, for logs.
 
     Examples
     --------
@@ -164,6 +164,20 @@ def label(sensor: SensorConfig) -> str:
         return f'{IIO} {sensor.bus}'
     place = (sensor.bus, address) if sensor.backend == 'hardware' else ()
     return ' '.join(filter(None, (sensor.backend, sensor.driver, *place)))
+
+
+def hardware_id(sensor: SensorConfig) -> str:
+    """
+    Return what tells a sensor from all others of a bench, for diagnostics.
+
+    Examples
+    --------
+    >>> hardware_id(SensorConfig('left', 'mpu9250', 'emulated'))
+    'emulated mpu9250 as left'
+    """
+    # no wire tells apart twins of which none is on one
+    alone = sensor.backend in ('hardware', IIO) or sensor.name == sensor.driver
+    return label(sensor) if alone else f'{label(sensor)} as {sensor.name}'
 
 
 def import_all(sensor: SensorConfig) -> None:

@@ -217,7 +217,7 @@ LOADERS = {
     'imu_bench/__init__.py', 'imu_bench/bench.py', 'imu_bench/cli/main.py',
     'imu_bench/terminal/working.py',
     'imu_bench/drivers/__init__.py', 'imu_bench/emulators/__init__.py',
-    'imu_bench/nodes/recorder.py', 'imu_bench/nodes/spinning.py',
+    'imu_bench/nodes/discovery.py', 'imu_bench/nodes/spinning.py',
     'imu_bench/offline/__init__.py', 'imu_bench/offline/plans/__init__.py',
 }  # fmt: skip
 """Files that may import by name; what they name has to hold the contracts as well."""

@@ -25,6 +25,9 @@ FORMATS = (
 )  # fmt: skip
 """The same as in imu_bench.offline.exports, which help must not wait for."""
 
+URDF = 'urdf'
+"""Of a bench, whose file stands in the place of a result."""
+
 _DESCRIPTION = """\
 Writes the noise numbers of a result of `imu-bench analyze --json` for the program that uses them.
 The unit, and whether a number is continuous or discrete, one- or two-sided, stands beside it.
@@ -37,8 +40,12 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = verbs.add_parser(
         'export', help='noise numbers for Kalibr, GTSAM, gz-sim, …', description=_DESCRIPTION
     )
-    parser.add_argument('result', metavar='RESULT.json', help='written by imu-bench analyze')
-    parser.add_argument('--to', required=True, choices=FORMATS, help='the program')
+    parser.add_argument(
+        'result',
+        metavar='RESULT.json',
+        help='written by imu-bench analyze; with --to urdf a bench, whose mounting: is written',
+    )
+    parser.add_argument('--to', required=True, choices=(*FORMATS, URDF), help='the program')
     parser.add_argument(
         '--topic', action='append', default=[], metavar='T',
         help='topic or name of a sensor (repeatable); all of them if not given',
@@ -63,6 +70,8 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the export and return the exit code."""
+    if arguments.to == URDF:
+        return _places(arguments.result, arguments.output)
     # imported here: help must not wait for scipy
     from imu_bench.offline import exports
     from imu_bench.offline.analysis import results
@@ -104,6 +113,24 @@ def run(arguments: argparse.Namespace) -> int:
     for label, recording in chosen.items():
         for finding in recording.health.severe:
             print(f'imu-bench: warning: {_told(label, finding)}', file=sys.stderr)
+    return DONE
+
+
+def _places(name: str, output: Path | None) -> int:
+    """Write where the sensors of a bench are."""
+    from imu_bench.bench import load_bench
+    from imu_bench.config.location import named_file
+    from imu_bench.offline.exports.urdf import urdf
+    from imu_bench.offline.whole_files import write_text
+
+    path = named_file('benches', name)
+    check_outputs([output], [path])
+    text = urdf(load_bench(path))
+    if output is None:
+        print(text, end='')
+    else:
+        write_text(output, text)
+        print(f'wrote {output}')
     return DONE
 
 

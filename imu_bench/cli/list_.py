@@ -39,9 +39,9 @@ def _drivers() -> list[str]:
 
 
 def _exports() -> list[str]:
-    from imu_bench.cli.export import FORMATS
+    from imu_bench.cli.export import FORMATS, URDF
 
-    return list(FORMATS)
+    return [*FORMATS, URDF]
 
 
 _KINDS: dict[str, Callable[[], list[str]]] = {

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+import math
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from imu_bench.config.files import PARAMETERS, read_parameters, read_yaml
 from imu_bench.config.schema import check_all, flatten, raise_if_any, REQUIRED, Setting
 from imu_bench.config.sensor import load_sensor, RecordedIn, SensorConfig, SettingsOf
 from imu_bench.errors import ConfigError
+from msg_conversions.quantities import AXES
 
 ANALYSIS_SETTINGS = (
     Setting('window_s', 600.0, 'Length of the sliding window.', bounds=(1.0, 86400.0), unit='s'),
@@ -24,6 +26,9 @@ RECORDER_SETTINGS = (
     Setting('storage', 'mcap', 'Format of the bag.', allowed=('mcap', 'sqlite3')),
 )
 """What the recording of a bench may set."""
+
+UPRIGHT = math.cos(math.radians(45.0))
+"""An axis that is farther than that from the vertical is not the one that points up."""
 
 UP = ('', 'x', 'y', 'z', '-x', '-y', '-z')
 
@@ -154,7 +159,8 @@ def load_bench(
         sensors.append(sensor)
         files[sensor.name] = path.parent / entry['file']
         up[sensor.name] = entry.get('up', '')
-        overrides[sensor.name] = dict(flatten(entry.get('overrides') or {}))
+        overrides[sensor.name] = _overrides(entry)
+    problems += _misplaced(sensors, up, path)
     if top.get('demo') and top['demo'] not in [test.name for test in tests]:
         problems.append(f'{path}: demo: {top["demo"]!r} is none of the tests')
     raise_if_any(problems)
@@ -211,12 +217,13 @@ def _sensor(
     if not isinstance(entry, Mapping):
         problems.append(f"{where}: {entry!r} is no entry like '- file: x.yaml'")
         return None
-    overrides = entry.get('overrides') or {}
-    if not isinstance(overrides, Mapping):
-        problems.append(f'{where}.overrides: {overrides!r} is no mapping of settings')
-        return None
-    own = {key: value for key, value in entry.items() if key != 'overrides'}
     before = len(problems)
+    problems += [
+        f'{where}.{name}: {entry[name]!r} is no mapping of settings'
+        for name in ('overrides', 'mounting')
+        if not isinstance(entry.get(name) or {}, Mapping)
+    ]
+    own = {key: value for key, value in entry.items() if key not in ('overrides', 'mounting')}
     values = check_all(own, _ENTRY, where, problems)
     if len(problems) > before:
         return None
@@ -224,13 +231,43 @@ def _sensor(
         return load_sensor(
             folder / values['file'],
             name=values['name'],
-            overrides=overrides,
+            overrides=_overrides(entry),
             settings_of=settings_of,
             recorded_in=recorded_in,
         )
     except ConfigError as error:
         problems.extend(str(error).splitlines())
         return None
+
+
+def _overrides(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a bench sets of a sensor, with dotted names."""
+    place = {'mounting': entry.get('mounting') or {}}
+    return dict(flatten({**(entry.get('overrides') or {}), **place}))
+
+
+def _misplaced(
+    sensors: Iterable[SensorConfig], up: Mapping[str, str], path: Path
+) -> Iterator[str]:
+    """Yield what cannot be true of the places of sensors."""
+    owner: dict[str, str] = {}
+    for sensor in sensors:
+        if sensor.mounting is None:
+            continue
+        first = owner.setdefault(sensor.frame_id, sensor.name)
+        if first != sensor.name:
+            yield (
+                f'{path}: {sensor.name}: frame_id {sensor.frame_id!r} is that of {first}, which '
+                'is mounted, too; give another'
+            )
+        axis = up[sensor.name]
+        if axis:
+            sign = -1.0 if axis.startswith('-') else 1.0
+            if sign * sensor.mounting.up[AXES.index(axis[-1])] < UPRIGHT:
+                yield (
+                    f'{path}: {sensor.name}: mounting.rpy does not turn {axis} up, but the bench '
+                    f'says up: {axis}; put one of them right'
+                )
 
 
 def as_tested(

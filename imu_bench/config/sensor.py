@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from imu_bench.config.calibration import Affine, CALIBRATION_SETTINGS, corrections
 from imu_bench.config.files import PARAMETERS, read_parameters
 from imu_bench.config.lines import LineSetting
+from imu_bench.config.mounting import mounting, MOUNTING_SETTINGS
 from imu_bench.config.schema import (
     check_all,
     Checkable,
@@ -24,6 +25,7 @@ from imu_bench.config.simulated import SIMULATION_SETTINGS
 from imu_bench.errors import ConfigError, RecordingError
 from msg_conversions import covariance
 from msg_conversions.quantities import QUANTITIES
+from msg_conversions.transforms import Mounting
 
 BACKENDS = ('hardware', 'emulated', 'recorded', 'iio')
 
@@ -57,6 +59,7 @@ SENSOR_SETTINGS = (
     Setting('orientation_stddev', 0.0, _STDDEV, bounds=_POSITIVE, unit='rad'),
     Setting('autostart', True, 'The node configures and activates itself.'),
     *CALIBRATION_SETTINGS,
+    *MOUNTING_SETTINGS,
 )
 # fmt: on
 """What every sensor's file may set."""
@@ -103,6 +106,7 @@ class SensorConfig:
     stddevs: Mapping[str, float] = field(default_factory=dict)
     # correction of each quantity that has one
     calibration: Mapping[str, Affine] = field(default_factory=dict)
+    mounting: Mounting | None = None  # None where nobody says
     # settings of the simulated world under their names without 'simulation.'; quantities are
     # tuples in SI units.  Errors that were not given are absent
     simulation: Mapping[str, Any] = field(default_factory=dict)
@@ -241,6 +245,7 @@ def sensor_from_parameters(
     values = check_all(given, (*SENSOR_SETTINGS, *SIMULATION_SETTINGS, *own), source, problems)
     problems += _mismatches(values, source)
     calibration = corrections(values, source, problems)
+    place = mounting(values, source, problems)
     raise_if_any(problems)
     settings = {setting.name: values[setting.name] for setting in own}
     if settings.get('calibration_file') and values['backend'] == 'emulated':
@@ -270,6 +275,7 @@ def sensor_from_parameters(
         settings=settings,
         stddevs={quantity: values[f'{quantity}_stddev'] for quantity in STDDEVS},
         calibration=calibration,
+        mounting=place,
         simulation={
             key.removeprefix(prefix): value
             for key, value in values.items()

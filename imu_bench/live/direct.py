@@ -9,7 +9,7 @@ reference for a recording over ROS, and the way where ROS is not installed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 import os
 from pathlib import Path
@@ -30,6 +30,7 @@ from imu_bench.live.status import Health, Status
 from imu_bench.samples import Samples
 from msg_conversions.encoding import independent, SensorEncoder
 from msg_conversions.quantities import IMU, TYPES
+from msg_conversions.transforms import LATCHED, static_transform, TF_STATIC, TF_TYPE
 import numpy as np
 
 DIAGNOSTICS, DIAGNOSTICS_TYPE = '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray'
@@ -55,7 +56,7 @@ class _Sensor:
     ) -> None:  # fmt: skip
         self.config = config
         self.published: dict[str, tuple[int, int]] = {}
-        self.health = Health(config, bench.label(config))
+        self.health = Health(config, bench.hardware_id(config))
         self._encoder = SensorEncoder(config.frame_id, independent(config.stddevs))
         self._clock, self._put, self._add = clock, put, add
         self.reading = process.read(Wish(config, clock, every_s=EVERY_S), self._take)
@@ -132,6 +133,7 @@ class DirectRecording:
                 sensor = _Sensor(config, self._clock, self._put, self._add, process)
                 self._sensors.append(sensor)
                 sensor.prepare()
+            self._place(sensors)
         except BaseException:
             self._release()
             self._writer.close()
@@ -179,6 +181,16 @@ class DirectRecording:
 
     def _add(self, topic: str, kind: str) -> None:
         self._writer.add_topic(describe(topic, kind, [OfferedQos()]))
+
+    def _place(self, sensors: Iterable[SensorConfig]) -> None:
+        """Write where the sensors are that have a place."""
+        placed = {one.frame_id: one.mounting for one in sensors if one.mounting is not None}
+        if placed:
+            self._writer.add_topic(describe(TF_STATIC, TF_TYPE, [OfferedQos(durability=LATCHED)]))
+        now_ns = self._clock.now_ns()
+        for frame_id, mounting in placed.items():
+            told = static_transform(now_ns, frame_id, mounting)
+            self._put(TF_STATIC, np.array([now_ns]), np.frombuffer(told, np.uint8)[None])
 
     def _put(self, topic: str, times_ns: Any, rows: Any) -> None:
         self._writer.put(topic, times_ns, rows)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from importlib import import_module
 import re
 from types import MappingProxyType
 
@@ -56,3 +57,13 @@ def publishers(node: Node, topic: str, type_name: str) -> list[TopicEndpointInfo
 def hidden(topic: str) -> bool:
     """Return whether a topic is hidden: a part of its name begins with an underscore."""
     return '/_' in topic
+
+
+def message_class(kind: str) -> type | None:
+    """Return the Python class of a message type, None if it is not installed."""
+    package, _, name = kind.split('/')
+    try:
+        found: type = getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError):
+        return None
+    return found

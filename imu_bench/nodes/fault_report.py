@@ -64,7 +64,8 @@ class FaultReport:
             for key, value in entries(aftermath).items()
         }
         name = f'{self._config.name}: faults'
-        return building.diagnostic_status(name, level, message, bench.label(self._config), values)
+        own = bench.hardware_id(self._config)
+        return building.diagnostic_status(name, level, message, own, values)
 
 
 def spoken(aftermath: Aftermath) -> str:

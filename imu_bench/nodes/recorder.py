@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from datetime import datetime
-from importlib import import_module
 import math
 from pathlib import Path
 import time
@@ -34,6 +33,7 @@ from imu_bench.config import Setting
 from imu_bench.config.bench import RECORDER_SETTINGS
 from imu_bench.errors import RecordingError
 from imu_bench.nodes import diagnostics, discovery, network, parameters
+from imu_bench.nodes.discovery import message_class
 from imu_bench.nodes.intake import Intake
 from imu_bench.nodes.others import Others
 from imu_bench.nodes.publishers import recorders, UNNAMED
@@ -41,6 +41,7 @@ from imu_bench.nodes.topic_names import DIAGNOSTICS, MEASURED, SUFFIXES
 from msg_conversions import building
 from msg_conversions.diagnostics import TYPE as DIAGNOSTICS_TYPE
 from msg_conversions.quantities import LINEAR_ACCELERATION, MAGNETIC_FIELD, TEMPERATURE, TYPES
+from msg_conversions.transforms import TF_STATIC, TF_TYPE
 import numpy as np
 import numpy.typing as npt
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -108,7 +109,7 @@ class RecorderNode(parameters.FromDump):
         self._all = settings['all_topics']
         self._alone = own_topics(settings['sensors'], MEASURED)
         self._own = own_topics(settings['sensors'], SUFFIXES) - self._only
-        self._types = {DIAGNOSTICS: DIAGNOSTICS_TYPE} | {
+        self._types = {DIAGNOSTICS: DIAGNOSTICS_TYPE, TF_STATIC: TF_TYPE} | {
             f'{space}/{end}': kind for space in settings['sensors'] for end, kind in TYPES.items()
         }
         self._several: dict[str, str] = {}
@@ -215,9 +216,9 @@ class RecorderNode(parameters.FromDump):
             return False
         if self._all or self._only:
             return self._all or name in self._only
-        if self._own:
-            return name == DIAGNOSTICS or name in self._own
-        return name == DIAGNOSTICS or name.endswith(ENDS)
+        if name in (DIAGNOSTICS, TF_STATIC):
+            return True
+        return name in self._own if self._own else name.endswith(ENDS)
 
     def _lets_in(self, name: str, kind: str) -> bool:
         """Return whether a topic of others is recorded beside those of the bench."""
@@ -307,16 +308,6 @@ class RecorderNode(parameters.FromDump):
             values |= {} if name in unaccounted else each.entries(name)
         name = f'{self.get_name()}: recording'
         return [building.diagnostic_status(name, level, line, str(self.path), values)]
-
-
-def message_class(kind: str) -> type | None:
-    """Return the Python class of a message type, None if it is not installed."""
-    package, _, name = kind.split('/')
-    try:
-        found: type = getattr(import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError):
-        return None
-    return found
 
 
 def offered_qos(profile: Any) -> OfferedQos:

@@ -121,7 +121,7 @@ class SensorNode(parameters.FromDump, LifecycleNode):
         self._reason: BenchError | None = None
         self._refusals: Counter[str] = Counter()
         self._guard = Guard(self, self.config.name)
-        self._health = Health(self.config, bench.label(self.config))
+        self._health = Health(self.config, bench.hardware_id(self.config))
         self._faults: FaultReport | None = None
         self._begin_s: float = self.config.simulation.get('begin', 0.0)
         untyped.add_on_set_parameters_callback(self._changed)

@@ -8,20 +8,24 @@ import math
 import secrets
 import threading
 import time
+from typing import Any
 
 from geometry_msgs.msg import Vector3Stamped
 from imu_bench.bus.interface import Clock
 from imu_bench.config import SensorConfig
 from imu_bench.nodes import qos
+from imu_bench.nodes.discovery import message_class
 from imu_bench.samples import Samples
 from msg_conversions import blocks
 from msg_conversions.encoding import independent, SensorEncoder
 from msg_conversions.quantities import IMU, TYPES
+from msg_conversions.transforms import Mounting, static_transform, TF_STATIC, TF_TYPE
 import numpy as np
 import numpy.typing as npt
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy
 from sensor_msgs.msg import Imu, MagneticField, Temperature
 from std_msgs.msg import UInt8MultiArray
 
@@ -86,6 +90,21 @@ class SensorTopics:
         self._bytes = 0
         self._began_s = self._flushed_s = time.monotonic()
         self._publisher(IMU)
+        if config.mounting is not None:
+            self._place(config.frame_id, config.mounting)
+
+    def _place(self, frame_id: str, mounting: Mounting) -> None:
+        """Say once and for all who ask where the sensor is."""
+        message = message_class(TF_TYPE)
+        if message is None:
+            untyped: Any = self._node  # rclpy of Jazzy has few type hints
+            untyped.get_logger().warning(f'no {TF_STATIC}: tf2_msgs is not installed here')
+            return
+        profile = qos.keep_last(1, 'reliable')
+        profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        self._publishers[TF_STATIC] = self._node.create_publisher(message, TF_STATIC, profile)
+        told = static_transform(self._clock.now_ns(), frame_id, mounting)
+        self._publishers[TF_STATIC].publish(told)
 
     @property
     def heard(self) -> bool:

@@ -25,6 +25,7 @@ from imu_bench.simulation.simulated import SimulatedSensor
 from imu_bench.version import __version__
 from msg_conversions.encoding import independent, SensorEncoder
 from msg_conversions.quantities import AXES, INCLINATION, QUANTITIES, TEMPERATURE, TYPES
+from msg_conversions.transforms import LATCHED, static_transform, TF_STATIC, TF_TYPE
 import numpy as np
 import numpy.typing as npt
 
@@ -179,12 +180,23 @@ def write_bag(
         for encoder in encoders:
             for topic in encoder.topics:
                 bag.add_topic(topic)
+        _place(bag, sensors)
         for end, made in slices(sensors, duration_s, encode):
             _interleave(bag, [messages for part in made for messages in part])
             bag.flush()
             if progress is not None:
                 progress(int(end), int(duration_s))
     return bag.counts
+
+
+def _place(bag: BagWriter, sensors: Sequence[SimulatedSensor]) -> None:
+    """Write where the sensors are that have a place."""
+    configs = [sensor.config for sensor in sensors]
+    placed = {one.frame_id: one.mounting for one in configs if one.mounting is not None}
+    if placed:
+        bag.add_topic(describe(TF_STATIC, TF_TYPE, [OfferedQos(durability=LATCHED)]))
+    for frame_id, mounting in placed.items():
+        bag.write(TF_STATIC, START_NS, static_transform(START_NS, frame_id, mounting))
 
 
 def _interleave(bag: BagWriter, slice_: list[Messages]) -> None:

@@ -328,7 +328,7 @@ def test_diagnostics_tell_rate_losses_and_that_it_is_emulated(ros):
     status = ros.spin_until(measured, 'a measured rate')[0]
     values = {pair.key: pair.value for pair in status.values}
     assert status.level == DiagnosticStatus.OK, status.message
-    assert status.hardware_id == 'emulated generic'
+    assert status.hardware_id == 'emulated generic as left'
     assert (
         float(values['rate_hz.low']) <= float(values['rate_hz']) <= float(values['rate_hz.high'])
     )

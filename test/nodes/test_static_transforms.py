@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where a sensor is, on /tf_static.
+
+tf2_msgs has no wheel.  Where it is not installed another type stands in for it: which bytes go
+out, to whom and when is what is looked at.
+"""
+
+from importlib.util import find_spec
+import sys
+from types import ModuleType
+
+from geometry_msgs.msg import TransformStamped
+from imu_bench.nodes.discovery import message_class
+from imu_bench.nodes.sensor import SensorNode
+from msg_conversions.transforms import TF_STATIC, TF_TYPE
+import pytest
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.typesys import get_typestore, Stores
+
+pytestmark = pytest.mark.ros
+
+SENSOR = {
+    'driver': 'generic', 'backend': 'emulated', 'rate_hz': 100.0,
+    'simulation.acceleration.noise_density': '60 µg/√Hz',
+}  # fmt: skip
+PLACE = {'mounting.xyz': ['1 mm', '2 mm', '3 mm'], 'mounting.rpy': ['0 °', '0 °', '180 °']}
+LATE = QoSProfile(
+    depth=10,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    reliability=ReliabilityPolicy.RELIABLE,
+)
+
+
+@pytest.fixture
+def tf2_msgs(monkeypatch):
+    """Return the type of /tf_static, or what stands in for it."""
+    if find_spec('tf2_msgs') is None:
+        module = ModuleType('tf2_msgs.msg')
+        module.TFMessage = TransformStamped
+        monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
+    return message_class(TF_TYPE)
+
+
+def test_who_comes_later_hears_where_both_sensors_are(ros, tf2_msgs):
+    ros.add(SensorNode, 'left', parameters=SENSOR | PLACE)
+    ros.add(SensorNode, 'right', parameters=SENSOR | PLACE | {'mounting.parent': 'left_link'})
+    ros.add(SensorNode, 'loose', parameters=SENSOR)
+    heard = []
+    ros.add(Node, 'late').create_subscription(tf2_msgs, TF_STATIC, heard.append, LATE, raw=True)
+    ros.spin_until(lambda: len(heard) == 2, 'both transforms')
+    store = get_typestore(Stores.ROS2_JAZZY)
+    found = [store.deserialize_cdr(blob, TF_TYPE).transforms for blob in heard]
+    frames = {each.child_frame_id: each for (each,) in found}
+    assert {name: each.header.frame_id for name, each in frames.items()} == {
+        'left_link': 'base_link', 'right_link': 'left_link',
+    }  # fmt: skip
+    left = frames['left_link'].transform
+    moved, turned = left.translation, left.rotation
+    assert (moved.x, moved.y, moved.z) == pytest.approx((1e-3, 2e-3, 3e-3))
+    assert (turned.x, turned.y, turned.z, turned.w) == pytest.approx((0, 0, 1, 0), abs=1e-12)
+    assert frames['left_link'].header.stamp.sec > 1_700_000_000
+
+
+def test_a_sensor_without_a_place_publishes_none(ros, tf2_msgs):
+    node = ros.add(SensorNode, 'loose', parameters=SENSOR)
+    assert node.count_publishers(TF_STATIC) == 0
+
+
+def test_without_tf2_msgs_a_sensor_runs_and_says_so(ros, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
+    said = []
+    node = ros.add(Node, 'hears')
+    from rcl_interfaces.msg import Log
+
+    node.create_subscription(Log, '/rosout', lambda each: said.append(each.msg), 100)
+    sensor = ros.add(SensorNode, 'left', parameters=SENSOR | PLACE)
+    ros.spin_until(lambda: 'no /tf_static: tf2_msgs is not installed here' in said)
+    assert sensor.acquisition is not None
