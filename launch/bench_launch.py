@@ -28,9 +28,16 @@ ARGUMENTS = {
     'analysis': ('', "Parameter file of the analysis node; it goes before the bench's."),
     'record': ('false', 'Whether to record a bag.'),
     'output': ('', 'Folder of the bag; empty for one named after the time.'),
+    'namespace': ('', 'Namespace of all nodes; the sensors are below NAMESPACE/bench.'),
+    'use_sim_time': (
+        'false',
+        "Whether analysis and recorder take their time from /clock; sensors have the machine's.",
+    ),
     'log_level': ('info', 'What the nodes log: debug, info, warn, error or fatal.'),
     'respawn': ('false', 'Whether what ends is started again.'),
 }
+
+SWITCHES = ('record', 'respawn', 'use_sim_time')
 
 
 def generate_launch_description():
@@ -45,19 +52,29 @@ def generate_launch_description():
 def _nodes(context):
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     bench = load_bench(config_file(given['bench']))
-    wanted = {name: given[name].lower() in ('true', '1', 'yes') for name in ('record', 'respawn')}
-    same = {'log_level': given['log_level'], 'respawn': wanted['respawn']}
+    wanted = {name: given[name].lower() in ('true', '1', 'yes') for name in SWITCHES}
+    space = given['namespace'].strip('/')
+    same = {
+        'log_level': given['log_level'],
+        'respawn': wanted['respawn'],
+        'namespace': f'/{space}' if space else None,
+    }
+    clock = {'use_sim_time': True} if wanted['use_sim_time'] else {}
     sensors = sensors_with_files(bench, bench.sensors, Path(mkdtemp(prefix='imu_bench_')), {})
     if wanted['record']:
         sensors.insert(0, RECORDED)  # they wait for it
     nodes = [_node('bench_node', [], enclave=SENSORS, arguments=sensors, **same)]
     analysis = {'window_s': bench.analysis.window_s, 'confidence': bench.analysis.confidence}
-    parameters = [str(config_file(DEFAULT_ANALYSIS)), analysis]
+    if space:  # nothing of another robot
+        analysis['topics'] = [f'/{space}/*']
+    parameters = [str(config_file(DEFAULT_ANALYSIS)), analysis | clock]
     if given['analysis']:
         parameters.append(str(config_file(given['analysis'])))
     nodes.append(_node('analysis_node', parameters, enclave=ANALYSIS, **same))
     if wanted['record']:
-        recorder = {'storage': bench.recorder.storage, 'output': given['output']}
+        recorder = {'storage': bench.recorder.storage, 'output': given['output']} | clock
+        if space:
+            recorder['sensors'] = [f'/{space}{sensor.namespace}' for sensor in bench.sensors]
         nodes.append(_node('recorder_node', [recorder], enclave=RECORDER, **same))
     return nodes
 

@@ -27,6 +27,8 @@ USAGE = (
     'parameter files; with the option they start when a recorder listens'
 )
 
+NAMESPACE = '__ns:='
+
 HEARD_S, LOOK_S = 5.0, 0.02
 """So long sensors wait for the recorder, which looks for new topics four times a second."""
 
@@ -45,7 +47,7 @@ def main(args: Sequence[str] | None = None) -> int:
     readers = [ReadingProcess()]  # it starts while ROS 2 is imported
     try:
         return run(
-            lambda: _Bench(wanted, readers, recorded=recorded),
+            lambda: _Bench(wanted, readers, recorded=recorded, space=_namespace(command[end:])),
             args=[program, *command[end:]],
             nice=RECORDS,
         )
@@ -54,15 +56,27 @@ def main(args: Sequence[str] | None = None) -> int:
             reader.close()
 
 
+def _namespace(arguments: Sequence[str]) -> str:
+    """Return the namespace that arguments of ROS give all nodes, '' for none."""
+    given = [word.removeprefix(NAMESPACE) for word in arguments if word.startswith(NAMESPACE)]
+    return '/' + given[-1].strip('/') if given else ''
+
+
 class _Bench:
     """The nodes of a bench, taken up and down together."""
 
     def __init__(
-        self, wanted: Sequence[str], readers: list[ReadingProcess], *, recorded: bool
+        self,
+        wanted: Sequence[str],
+        readers: list[ReadingProcess],
+        *,
+        recorded: bool,
+        space: str = '',
     ) -> None:
         from rclpy.task import Future
 
         self.nodes: list[Any] = []
+        self._space = space
         make_future: Any = Future  # without type hints in rclpy of Jazzy
         self.ended = make_future()
         if not wanted:
@@ -82,7 +96,7 @@ class _Bench:
 
         for each in wanted:
             name, _, files = each.partition('=')
-            arguments = ['--ros-args', '-r', f'__ns:=/bench/{name}']
+            arguments = ['--ros-args', '-r', f'{NAMESPACE}{self._space}/bench/{name}']
             for file in filter(None, files.split(',')):
                 arguments += ['--params-file', file]
             node = SensorNode(name, waits=True, cli_args=arguments)

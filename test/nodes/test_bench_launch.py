@@ -56,7 +56,8 @@ def nodes(description, **given):
 
 def test_every_argument_is_described(described):
     assert {a.args[0] for a in described[:-1]} == {
-        'bench', 'analysis', 'record', 'output', 'log_level', 'respawn',
+        'bench', 'analysis', 'record', 'output', 'log_level', 'respawn', 'namespace',
+        'use_sim_time',
     }  # fmt: skip
     assert all(argument.options['description'] for argument in described[:-1])
 
@@ -106,3 +107,19 @@ def test_own_bench_with_overrides_and_recorder(described, tmp_path):
     assert started[1]['parameters'][1]['window_s'] == 60.0
     assert started[1]['parameters'][2:] == [str(own)]
     assert started[2]['parameters'] == [{'storage': 'sqlite3', 'output': '/data/bag'}]
+
+
+def test_a_robot_has_a_bench_of_its_own(described):
+    started = nodes(described, namespace='robot1', record='1')
+    assert {node['namespace'] for node in started} == {'/robot1'}
+    assert started[1]['parameters'][1]['topics'] == ['/robot1/*']
+    assert started[2]['parameters'][0]['sensors'][0] == '/robot1/bench/mti300'
+    assert {node['namespace'] for node in nodes(described)} == {None}
+
+
+def test_the_clock_of_a_simulation_is_for_those_that_measure_nothing(described):
+    sensors, analysis, recorder = nodes(described, use_sim_time='true', record='true')
+    assert sensors['parameters'] == []  # a sensor refuses it
+    assert analysis['parameters'][1]['use_sim_time'] is True
+    assert recorder['parameters'][0]['use_sim_time'] is True
+    assert 'use_sim_time' not in nodes(described)[1]['parameters'][1]

@@ -53,3 +53,28 @@ def test_a_recorder_counts_and_an_analysis_does_not(ros):
     recorder.create_subscription(UInt8MultiArray, topic, lambda _: None, 10)
     ros.spin_until(lambda: topics.heard, 'the recorder')
     topics.close()
+
+
+def test_a_bench_in_a_namespace_is_recorded_and_analysed_there(ros, start, tmp_path):
+    from imu_bench.nodes.analysis import AnalysisNode
+    from imu_bench.nodes.recorder import RecorderNode
+
+    file = tmp_path / 'left.yaml'
+    file.write_text(
+        '/**:\n  ros__parameters: {driver: generic, backend: emulated, rate_hz: 200.0, '
+        'simulation: {acceleration: {noise_density: 60 µg/√Hz}}}\n',
+        encoding='utf-8',
+    )
+    space, topic = '/robot1/bench/left', '/robot1/bench/left/imu/data_raw'
+    output = {'output': str(tmp_path / 'bag')}
+    recorder = ros.add(RecorderNode, parameters=output | {'sensors': [space]})
+    analysis = ros.add(AnalysisNode, parameters={'topics': ['/robot1/*'], 'window_s': 5.0})
+    process = start(
+        'imu_bench.nodes.bench_node', '--recorded', f'left={file}',
+        '--ros-args', '-r', '__ns:=/robot1',
+    )  # fmt: skip
+    ros.spin_until(lambda: recorder.received[topic] > 200, 'a second of samples in the bag')
+    ros.spin_until(lambda: topic in analysis.watches and analysis.watches[topic].result)
+    process.process.terminate()
+    code, output = process.finish()
+    assert code == 0, output
