@@ -34,8 +34,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
-        *share('config/**/*.yaml'),
-        *share('config/**/*.xml'),
+        *share('config/**/*'),
         *share('launch/*_launch.py'),
         ('share/man/man1', ['docs/man/imu-bench.1']),
     ],

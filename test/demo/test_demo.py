@@ -10,6 +10,7 @@ import signal
 import struct
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 from msg_conversions.reading import allan_from_message
 import numpy as np
@@ -280,3 +281,81 @@ def test_an_unknown_bench_lists_those_there_are():
     result = subprocess.run(command('demo', 'no_such_bench'), capture_output=True, text=True)
     assert result.returncode == 1
     assert 'machine_vibration.yaml' in result.stderr
+
+
+LAYOUTS = BENCHES.parent / 'layouts'
+
+
+@pytest.fixture(scope='module')
+def published(demo):
+    """Return type and a message of each topic of the demo, and the names of all statuses."""
+    found, names = {}, set()
+    with AnyReader([demo[0] / 'bag']) as reader:
+        for connection, _, blob in reader.messages():
+            if connection.topic in found and connection.topic != '/diagnostics':
+                continue
+            message = reader.deserialize(blob, connection.msgtype)
+            found[connection.topic] = connection.msgtype, message
+            if connection.topic == '/diagnostics':
+                names |= {status.name for status in message.status}
+    return found, names
+
+
+def value(message, path):
+    """Return what a path such as 'vector/z' leads to."""
+    for name in re.split(r'[./]', path):
+        message = getattr(message, name)
+    return message
+
+
+def test_the_layout_of_plotjuggler_shows_what_there_is(published):
+    found, _ = published
+    layout = ElementTree.parse(LAYOUTS / 'machine_vibration.plotjuggler.xml').getroot()
+    curves = [curve.get('name') for curve in layout.iter('curve')]
+    assert len(curves) == len(set(curves)) > 20
+    for curve in curves:
+        (topic,) = [topic for topic in found if curve.startswith(f'{topic}/')]
+        assert isinstance(value(found[topic][1], curve.removeprefix(f'{topic}/')), float)
+    for split in layout.iter('DockSplitter'):
+        assert int(split.get('count')) == len(split) == len(split.get('sizes').split(';'))
+
+
+def test_the_layout_of_foxglove_shows_what_there_is(published):
+    found, _ = published
+    text = (LAYOUTS / 'machine_vibration.foxglove.json').read_text(encoding='utf-8')
+    layout = json.loads(text)
+    panels = layout['configById']
+    assert set(panels) == set(re.findall(r'"(\w+!\w+)"', json.dumps(layout['layout'])))
+    for name, panel in panels.items():
+        if name.startswith('DiagnosticSummary!'):
+            assert found[panel['topicToRender']][0] == 'diagnostic_msgs/msg/DiagnosticArray'
+        for path in panel.get('paths', ()):
+            topic, _, rest = path['value'].partition('.')
+            assert isinstance(value(found[topic][1], rest), float)
+            assert found[topic][1].header.stamp.sec > 0  # timestampMethod: headerStamp
+
+
+def test_the_layout_of_rviz_shows_what_there_is(published):
+    found, _ = published
+    text = (LAYOUTS / 'machine_vibration.rviz').read_text(encoding='utf-8')
+    layout = yaml.safe_load(text)['Visualization Manager']
+    topics = [each['Topic']['Value'] for each in layout['Displays'] if 'Topic' in each]
+    assert len(topics) == 2
+    frames = set()
+    for topic in topics:
+        kind, message = found[topic]
+        assert kind == 'sensor_msgs/msg/Imu'
+        assert message.orientation_covariance[0] >= 0.0
+        frames.add(message.header.frame_id)
+    assert layout['Global Options']['Fixed Frame'] in frames
+    assert '<<' not in text  # yaml-cpp has no merge keys
+
+
+def test_the_analyzers_group_everything_that_is_said(published):
+    _, names = published
+    file = yaml.safe_load((LAYOUTS / 'analyzers.yaml').read_text(encoding='utf-8'))
+    groups = [g for g in file['analyzers']['ros__parameters'].values() if isinstance(g, dict)]
+    assert {group['type'] for group in groups} == {'diagnostic_aggregator/GenericAnalyzer'}
+    for name in names:
+        in_it = [g['path'] for g in groups if any(part in name for part in g['contains'])]
+        assert len(in_it) == 1, name
