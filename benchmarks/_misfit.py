@@ -95,6 +95,12 @@ def wave(n: int, rng: Generator, amplitude: float, frequency: float) -> Floats:
     return made
 
 
+def warm_up(n: int, rng: Generator, size: float, time: float) -> Floats:
+    """Return a bias that settles, from a start that is off by `size` on either side."""
+    made: Floats = rng.choice([-size, size]) * np.exp(-np.arange(n) / (time * RATE_HZ))
+    return made
+
+
 @dataclass(frozen=True)
 class Scenario:
     """
@@ -190,6 +196,7 @@ SCENARIOS: Mapping[str, Scenario] = {
     'step': Scenario(_with(lambda n, rng: step(n, rng, 1e-4)), odd=True),
     'cycle of 15 min': Scenario(_with(lambda n, rng: wave(n, rng, 3e-5, 1 / 900.0)), odd=True),
     'tone aliased to 0.03 Hz': Scenario(_with(lambda n, rng: wave(n, rng, 1e-4, 0.03)), odd=True),
+    'warm-up': Scenario(_with(lambda n, rng: warm_up(n, rng, 2e-4, 180.0)), odd=True),
     '1/f^0.8': Scenario(_with(lambda n, rng: flicker(n, rng, exponent=0.8)), vague='B'),
     '1/f^1.3': Scenario(_with(lambda n, rng: flicker(n, rng, exponent=1.3)), vague='B'),
     'outliers': Scenario(_with(_outliers)),

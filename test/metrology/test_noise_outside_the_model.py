@@ -190,9 +190,9 @@ def test_a_random_walk_that_may_be_a_power_law_is_not_claimed():
     assert any('describes the slow noise as well' in flag for flag in model.flags)
 
 
-@pytest.mark.parametrize('name', ['step', 'cycle of 15 min', 'tone aliased to 0.03 Hz'])
+@pytest.mark.parametrize('name', ['step', 'cycle of 15 min', 'tone aliased to 0.03 Hz', 'warm-up'])
 def test_what_is_no_noise_is_said_and_claims_nothing(name):
-    """A step was reported as K in 18 of 20 records, a cycle in all, without a finding."""
+    """A step was reported as K in 18 of 20 records, a cycle and a warm-up in all; no finding."""
     found = list(results(name, HOUR, 4))
     assert claimed(found, 'QBK') == 0
     for result in found:
@@ -272,6 +272,12 @@ def test_an_event_has_its_size_and_time():
     assert event.kind == 'cycle'
     assert event.size == pytest.approx(5e-5, rel=0.2)
     assert event.time == pytest.approx(450.0, rel=0.02)
+    x = white(360_000, np.random.default_rng(3))
+    x -= 1e-3 * np.exp(-np.arange(360_000) / 30_000)
+    (event,) = measured(x).choice.events
+    assert event.kind == 'settling'
+    assert event.size == pytest.approx(-1e-3, rel=0.03)
+    assert event.time == pytest.approx(300.0, rel=0.05)
 
 
 @pytest.mark.parametrize('name', [n for n, s in SCENARIOS.items() if s.family])

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What moves a bias and is no noise: a step, a slow cycle, a straight line.
+What moves a bias and is no noise: a step, a slow cycle, a warm-up, a straight line.
 
 Either has the power of a random walk or of a bump in the spectrum, but its phases are not those
 of noise: as one column more of the likelihood it takes all of that power away.
@@ -17,7 +17,12 @@ from imu_bench.metrology.likelihood.cosines import Cosines, SLOWEST
 import numpy as np
 from scipy import fft
 
-NEEDED = {'step': (22.0, 28.0), 'cycle': (14.0, 22.0), 'line': (14.0, 22.0)}
+NEEDED = {
+    'step': (22.0, 28.0),
+    'cycle': (14.0, 22.0),
+    'settling': (18.0, 26.0),
+    'line': (14.0, 22.0),
+}
 """
 What each must gain in −2 ln L, a cycle beside 2 ln of the frequencies where it may be: if only
 white noise is left without it, and if slow noise is.  Of 420 records of 10 min of white noise,
@@ -26,10 +31,14 @@ flicker with a walk four had one that gained 21 to 23 and left slow noise.
 """
 
 MOST = 4
-"""Steps and cycles that are taken off one record: a cycle that is no sine has harmonics."""
+"""What is taken off one record: a cycle that is no sine has harmonics, and no warm-up is one
+exponential."""
 
 LEAST_CYCLES = 1.5
 """Cycles in a record that a wave needs: less of one is not told from a random walk."""
+
+SLOWEST_SETTLING = 0.5
+"""Longest time constant of a warm-up over the record; of a longer one it sees a line."""
 
 _EDGE = 4
 _SHIFTS = (-0.5, -0.25, 0.0, 0.25, 0.5)
@@ -37,13 +46,13 @@ _SHIFTS = (-0.5, -0.25, 0.0, 0.25, 0.5)
 
 @dataclass(frozen=True)
 class Event:
-    """A step, a cycle or a straight line."""
+    """A step, a cycle, a warm-up or a straight line."""
 
-    kind: str  # 'step', 'cycle' or 'line'
-    # height of a step, with its sign, or amplitude of a cycle, in the unit of the values; slope of
-    # a line per s
+    kind: str  # 'step', 'cycle', 'settling' or 'line'
+    # height of a step, with its sign, amplitude of a cycle, or what a warm-up is off at the start,
+    # in the unit of the values; slope of a line per s
     size: float
-    time: float  # of a step in s after the start; period of a cycle in s
+    time: float  # of a step in s after the start; period or time constant in s
     gain: float  # what it gains in −2 ln L
 
 
@@ -59,11 +68,12 @@ def find(
         # back to terms of the record itself
         share = math.sqrt((places + 1) / (cosines.terms.size + 1))
         tried = []
-        # a model that took a step for a noise finds it in the wrong place: without one as well
+        # a model that took it for a noise finds it in the wrong place: without one as well
         plain = [_variance(slow, one, top) for one in models[1:] if one.terms == 'N']
         for event, part in (
             _line(slow, variance),
             *(_step(slow, scatter) for scatter in (variance, *plain)),
+            *(_settling(slow, scatter) for scatter in (variance, *plain)),
             *_cycles(slow, variance),
         ):
             if models[0].terms == 'N' and event.gain < 0.5 * _needed(event.kind, places, 'N'):
@@ -98,6 +108,25 @@ def _line(slow: Cosines, variance: Floats) -> tuple[Event, Floats]:
     power = float(shape @ (shape / variance))
     matched = float(shape @ (slow.terms / variance))
     return Event('line', matched / power, 0.0, matched**2 / power), shape * (matched / power)
+
+
+def _settling(slow: Cosines, variance: Floats) -> tuple[Event, Floats]:
+    """Return the likeliest exponential from the start on, and its transform."""
+    n = slow.terms.size + 1
+    when = np.arange(n) + 0.5
+    longest = SLOWEST_SETTLING * n
+    # first by factors of two, then within one
+    times = longest * 0.5 ** np.arange(math.log2(longest / _EDGE))
+    for factors in (1.0, 2.0 ** np.linspace(-1.0, 1.0, 41)):
+        times = np.atleast_1d(np.minimum(times * factors, longest))
+        shapes = fft.dct(np.exp(-when / times[:, None]), norm='ortho', axis=1)[:, 1:]
+        power, matched = shapes**2 @ (1.0 / variance), shapes @ (slow.terms / variance)
+        best = int(np.argmax(matched**2 / power))
+        times = times[best]
+    size, gain = matched[best] / power[best], matched[best] ** 2 / power[best]
+    return Event('settling', float(size), float(times) / slow.rate_hz, float(gain)), (
+        shapes[best] * size
+    )
 
 
 def _step(slow: Cosines, variance: Floats) -> tuple[Event, Floats]:

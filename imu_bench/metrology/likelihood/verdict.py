@@ -68,6 +68,8 @@ def told(event: Event, unit: str = '') -> str:
     size = f'{event.size:.2g} {unit}'.strip()
     if event.kind == 'step':
         return f'the bias steps by {size} at {event.time:.4g} s'
+    if event.kind == 'settling':
+        return f'the bias settles by {size}, time constant {event.time:.3g} s'
     return f'the bias cycles: period {event.time:.3g} s, amplitude {size}'
 
 
