@@ -14,6 +14,9 @@ SENSORS = sorted(
 )
 
 
+DOCS = ['sphinx>=7.2', 'myst-parser>=2', 'numpydoc>=1.6', 'sphinx-rtd-theme>=2', 'matplotlib>=3.8']
+
+
 def share(pattern: str) -> list[tuple[str, list[str]]]:
     """Return data_files that mirror the matching files below share/imu_bench."""
     folders: dict[str, list[str]] = {}
@@ -57,6 +60,7 @@ setup(
     ],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
+        'docs': DOCS,
         'figures': ['matplotlib>=3.8'],
         'notebook': ['pandas>=2.0', 'xarray>=2023.6', 'matplotlib>=3.8'],
         'cluster': ['distributed>=2024.1'],
@@ -80,6 +84,7 @@ setup(
             'pypdfium2>=4',
             # colcon builds ament_python packages with setup.py develop; 70.1 builds wheels itself
             'setuptools>=70.1,<80',
+            *DOCS,
         ],
     },
     zip_safe=True,

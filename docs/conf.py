@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of Sphinx; `./run docs` builds the site, and so does rosdoc2 (rosdoc2.yaml)."""
+
+from importlib.util import find_spec
+from pathlib import Path
+import sys
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent)]  # what is described is the checkout
+
+from imu_bench import __version__  # noqa: E402
+from reference import write_pages  # noqa: E402
+
+project, author = 'imu_bench', 'imu_bench maintainers'
+version = release = __version__
+copyright = '2026, imu_bench maintainers. Apache-2.0'
+
+extensions = [
+    'myst_parser',
+    'sphinx.ext.autodoc',
+    # docstrings are of numpydoc; rosdoc2 brings Sphinx's own reader of them
+    'numpydoc' if find_spec('numpydoc') else 'sphinx.ext.napoleon',
+]
+myst_heading_anchors = 3
+numpydoc_show_class_members = False
+autodoc_typehints = 'none'  # the docstrings say it with shapes and units
+autodoc_member_order = 'bysource'
+exclude_patterns = ['_build', 'man', 'images']
+smartquotes = False  # --options are no dashes
+html_theme = 'sphinx_rtd_theme'
+html_theme_options = {'navigation_depth': 2, 'collapse_navigation': False}
+html_static_path = ['style']
+html_css_files = ['tables.css']
+html_show_sphinx = html_show_sourcelink = False
+
+
+def setup(app):
+    """Have the reference written before the pages are read; show diagrams as their text."""
+    from pygments.lexers.special import TextLexer
+
+    app.add_lexer('mermaid', TextLexer)
+    app.connect('builder-inited', lambda app: write_pages())
