@@ -29,6 +29,7 @@ from imu_bench.bus.clock import SystemClock
 from imu_bench.config.location import config_file
 from imu_bench.nodes import bench_nodes
 from imu_bench.nodes.processes import BenchProcesses
+import yaml
 
 from benchmarks import _witness
 from benchmarks._floors import topic
@@ -38,7 +39,7 @@ from benchmarks._reading_cost import Bed, on_the_clock
 from benchmarks._recorded import ANALYSIS, READING, RECORDER, Recording, SENSORS, wait_for
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 BENCH = 'machine_vibration'
 RATES = (400.0, 1000.0, 952.0, 100.0, 1344.0, 1000.0)
@@ -117,10 +118,22 @@ class Floor:
         self._process.communicate()
 
 
-def floors(seconds: float, settling_s: float) -> tuple[Stage, Stage]:
+def first(count: int, folder: Path) -> Path:
+    """Write the bench with so many of its sensors."""
+    path = config_file(f'benches/{BENCH}.yaml')
+    document = yaml.safe_load(path.read_text('utf-8'))
+    document['sensors'] = document['sensors'][:count]
+    for entry in document['sensors']:
+        entry['file'] = str((path.parent / entry['file']).resolve())
+    written = folder / path.name
+    written.write_text(yaml.safe_dump(document, allow_unicode=True), encoding='utf-8')
+    return written
+
+
+def floors(rates: Sequence[float], seconds: float, settling_s: float) -> tuple[Stage, Stage]:
     """Return what publishing ready-made bytes costs, and what taking them does."""
-    topics = [topic(number) for number in range(len(RATES))]
-    with Floor('take', *topics) as taker, Floor('publish', *map(str, RATES)) as publisher:
+    topics = [topic(number) for number in range(len(rates))]
+    with Floor('take', *topics) as taker, Floor('publish', *map(str, rates)) as publisher:
         wait_for(lambda: taker.count() > 0, 60.0)
         time.sleep(settling_s)
         meters = Meter([publisher.pid]), Meter([taker.pid])
@@ -133,10 +146,10 @@ def floors(seconds: float, settling_s: float) -> tuple[Stage, Stage]:
     return published, taken
 
 
-def apart(seconds: float) -> tuple[float, float]:
+def apart(bench: Path, seconds: float) -> tuple[float, float]:
     """Return what drivers with acquisition and what emulated chips take, µs per sample."""
-    bench = load_bench(config_file(f'benches/{BENCH}.yaml'))
-    costs = on_the_clock([Bed(sensor, SystemClock()) for sensor in bench.sensors], seconds)
+    beds = [Bed(sensor, SystemClock()) for sensor in load_bench(bench).sensors]
+    costs = on_the_clock(beds, seconds)
     rate = sum(cost.rate_hz for cost in costs)
     emulated = sum(cost.emulator * cost.rate_hz for cost in costs) / rate
     return sum(cost.per_sample * cost.rate_hz for cost in costs) / rate - emulated, emulated
@@ -152,10 +165,11 @@ class Whole:
 
 
 def whole(
-    folder: Path, seconds: float, settling_s: float, *more: str, verb: str = 'demo'
+    bench: Path, folder: Path, seconds: float, settling_s: float, *more: str, verb: str = 'demo'
 ) -> Whole:
     """Record as users do, and measure every process."""
-    with Recording(folder, BENCH, seconds + 2 * settling_s, verb=verb, more=more) as recording:
+    length_s = seconds + 2 * settling_s
+    with Recording(folder, str(bench), length_s, verb=verb, more=more) as recording:
         recording.wait_begun()
         recording.pass_time(settling_s)
         roles = recording.look()
@@ -180,11 +194,11 @@ def whole(
 
 
 @contextmanager
-def sensors(folder: Path) -> Iterator[list[int]]:
+def sensors(file: Path, folder: Path) -> Iterator[list[int]]:
     """Run the sensors of the bench; yield the process that publishes and those that read."""
     from imu_bench.nodes.bench_monitor import BenchMonitor
 
-    bench = load_bench(config_file(f'benches/{BENCH}.yaml'))
+    bench = load_bench(file)
     processes = BenchProcesses(folder, bench_nodes.environment(folder, {}))
     names = [sensor.name for sensor in bench.sensors]
     try:
@@ -198,15 +212,13 @@ def sensors(folder: Path) -> Iterator[list[int]]:
         processes.stop()
 
 
-def publishing(folder: Path, seconds: float, settling_s: float) -> dict[str, tuple[Stage, Stage]]:
+def publishing(
+    bench: Path, rate: float, folder: Path, seconds: float, settling_s: float
+) -> dict[str, tuple[Stage, Stage]]:
     """Return what publishing and reading take, without and with a subscriber to every topic."""
     found = {}
-    rate = sum(RATES)
-    topics = [
-        f'{sensor.namespace}/imu/data_raw'
-        for sensor in load_bench(config_file(f'benches/{BENCH}.yaml')).sensors
-    ]
-    with sensors(folder) as (node, *readers):
+    topics = [f'{sensor.namespace}/imu/data_raw' for sensor in load_bench(bench).sensors]
+    with sensors(bench, folder) as (node, *readers):
         time.sleep(settling_s)
         meters = Meter([node]), Meter(readers)
         time.sleep(seconds)
@@ -223,14 +235,14 @@ def publishing(folder: Path, seconds: float, settling_s: float) -> dict[str, tup
     return found
 
 
-def full_window(folder: Path, window_s: float) -> int:
+def full_window(rates: Sequence[float], folder: Path, window_s: float) -> int:
     """Return the memory of an analysis whose window is full, B."""
     processes = BenchProcesses(folder, bench_nodes.environment(folder, {}))
     try:
         arguments = ['--ros-args', '-p', f'window_s:={window_s}']
         processes.start(ANALYSIS, 'imu_bench.nodes.analysis_node', arguments)
-        with Floor('ahead', str(SPEED), *map(str, RATES)) as source:
-            enough = 1.05 * window_s * sum(RATES)
+        with Floor('ahead', str(SPEED), *map(str, rates)) as source:
+            enough = 1.05 * window_s * sum(rates)
             wait_for(lambda: source.count() >= enough, 120.0 + 3.0 * window_s / SPEED)
             return proportional_set(processes.number(ANALYSIS))
     finally:
@@ -266,24 +278,25 @@ def n_body_step_s() -> float:
 
 def main() -> int:
     run = Benchmark(__doc__)
-    run.add_size('--seconds', 60.0, quick=1.5, help='that every stage is measured')
+    run.add_size('--seconds', 60.0, quick=0.8, help='that every stage is measured')
     # start-up, discovery and the first fits of the clock models
-    run.add_size('--settling', 5.0, quick=0.5, help='seconds before them that are not counted')
-    run.add_size('--window', 600.0, quick=5.0, help='seconds of the analysis window')
+    run.add_size('--settling', 5.0, quick=0.2, help='seconds before them that are not counted')
+    run.add_size('--window', 600.0, quick=2.0, help='seconds of the analysis window')
+    run.add_size('--sensors', len(RATES), quick=2, help='of the bench')
     options = run.start()
-    seconds, settling_s = options.seconds, options.settling
+    seconds, settling_s, rates = options.seconds, options.settling, RATES[: options.sensors]
     with TemporaryDirectory(ignore_cleanup_errors=True) as name:
-        folder = Path(name)
+        bench_file = first(options.sensors, folder := Path(name))
         places = [folder / part for part in ('demo', 'direct', 'logs')]
         for place in places:
             place.mkdir()
-        floor, least = floors(seconds, settling_s)
+        floor, least = floors(rates, seconds, settling_s)
         with ProcessPoolExecutor(1, multiprocessing.get_context('spawn')) as pool:
-            driven, emulated = pool.submit(apart, seconds).result()
-        heard = publishing(places[2], seconds, settling_s)
-        demo = whole(places[0], seconds, settling_s)
-        direct = whole(places[1], seconds, settling_s, '--direct', verb='record')
-        window = full_window(places[2], options.window)
+            driven, emulated = pool.submit(apart, bench_file, seconds).result()
+        heard = publishing(bench_file, sum(rates), places[2], seconds, settling_s)
+        demo = whole(bench_file, places[0], seconds, settling_s)
+        direct = whole(bench_file, places[1], seconds, settling_s, '--direct', verb='record')
+        window = full_window(rates, places[2], options.window)
 
     run.head('stage                                    ', 'µs/sample', 'cores')
 

@@ -220,7 +220,7 @@ def examine(
     tests = Tests(name, quick=quick)
     if only_sources:
         survivors = left
-    else:
+    elif left:
         with redirect_stdout(StringIO()) as said:
             code = tests.run(work)
         if code:

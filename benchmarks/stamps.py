@@ -22,7 +22,6 @@ import numpy as np
 from benchmarks._frame import Benchmark
 
 RATE_ERROR = 0.02
-SETTLED_S = 5.0
 WITHIN_US = 20.0
 
 
@@ -75,7 +74,7 @@ class Errors:
     held: float
 
 
-def measured(name: str, kind: str, wired: bool, seconds: float) -> Errors:
+def measured(name: str, kind: str, wired: bool, seconds: float, settling_s: float) -> Errors:
     """Return by how much stamps of a chip are off."""
     clock = SimulatedClock()
     source = Source(clock)
@@ -83,10 +82,10 @@ def measured(name: str, kind: str, wired: bool, seconds: float) -> Errors:
     clock.sleep(load(name).start_up_s)
     acquisition = Acquisition(load(name)(buses, clock, {}), LateClock(clock), name=name)
     start_ns, stamps = clock.now_ns(), []
-    for second in range(1, round(seconds + SETTLED_S) + 1):
+    for second in range(1, round(seconds + settling_s) + 1):
         acquisition.advance(start_ns + second * 1_000_000_000)
         runs = acquisition.drain()
-        if second > SETTLED_S:
+        if second > settling_s:
             stamps += [run.stamps for run in runs if run.acceleration is not None]
     truth, given = np.concatenate(source.truth), np.concatenate(stamps)
     right = np.searchsorted(truth, given).clip(1, len(truth) - 1)
@@ -105,6 +104,7 @@ def measured(name: str, kind: str, wired: bool, seconds: float) -> Errors:
 def main() -> int:
     bench = Benchmark(__doc__)
     bench.add_size('--seconds', 60.0, quick=1.0, help='bench time of each')
+    bench.add_size('--settling', 5.0, quick=1.0, help='seconds before that are not counted')
     options = bench.start()
     bench.head(
         f'{"chip":18}', f'{"read":8}', 'mean µs', 'scatter µs', 'RMS µs', 'bound µs', 'held'
@@ -112,7 +112,7 @@ def main() -> int:
     for name in names():
         for kind in load(name).bus_kinds if load(name).data_ready_pin else ():
             for wired in (True, False):
-                one = measured(name, kind, wired, options.seconds)
+                one = measured(name, kind, wired, options.seconds, options.settling)
                 how = 'line' if wired else 'polled'
                 numbers = (one.mean, one.scatter, one.rms, one.bound)
                 cells = (f'{x:.1f}' for x in numbers)

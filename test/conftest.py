@@ -20,10 +20,11 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
-SPREAD = {
-    'test_benchmarks.py', 'test_every_driver.py', 'test_every_fault.py', 'test_imports.py',
-}  # fmt: skip
+SPREAD = {'test_benchmarks.py', 'test_every_driver.py', 'test_every_fault.py'}
 """Files of many tests without fixtures to share: any worker takes the next of them."""
+
+DEMOS = 'demo'
+"""Folder of tests that one worker takes, one after the other."""
 
 
 def own_domain(config):
@@ -67,7 +68,12 @@ def pytest_xdist_make_scheduler(config, log):
             if path.name in SPREAD:
                 return nodeid
             # two demos at once are more than four cores can do
-            return 'demo' if path.parent.name == 'demo' else str(path)
+            return DEMOS if path.parent.name == DEMOS else str(path)
+
+        def _assign_work_unit(self, node):
+            if DEMOS in self.workqueue:  # the longest of all, and mostly waiting
+                self.workqueue.move_to_end(DEMOS, last=False)
+            super()._assign_work_unit(node)
 
     return ByFile(config, log)
 

@@ -11,7 +11,6 @@ from typing import Any
 from imu_bench.config import BenchConfig
 from imu_bench.config.campaign import BenchTest, Run
 from imu_bench.errors import ConfigError
-from imu_bench.offline import plans
 from imu_bench.simulation.scenario import load_scenario, Scenario, scenario_document
 import yaml
 
@@ -66,6 +65,8 @@ def of_test(bench: BenchConfig, name: str, duration_s: float) -> LiveTest:
     ConfigError
         If there is no such test, or none of its forms fits.
     """
+    from imu_bench.offline import plans  # with all of the analysis, which a scenario does not need
+
     test = bench.test(name)
     plans.load(test.plan)(test.settings, reference=test.reference)  # bad settings show now
     lengths = []

@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import butter, sosfilt, sosfilt_zi
 
 Array = npt.NDArray[np.float64]
 
@@ -28,7 +27,7 @@ def motion_sections(corner_hz: float, order: int, rate_hz: float) -> Array:
     """
     if corner_hz > 0.45 * rate_hz:
         return np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
-    return np.asarray(butter(order, corner_hz, fs=rate_hz, output='sos'))
+    return _butterworth(corner_hz, order, rate_hz)
 
 
 def noise_sections(corner_hz: float, order: int, rate_hz: float) -> Array:
@@ -88,11 +87,17 @@ def sample_sections(corner_hz: float, order: int, rate_hz: float) -> Array:
     """
     if corner_hz >= 0.5 * rate_hz:
         return np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
-    return np.asarray(butter(order, corner_hz, fs=rate_hz, output='sos'))
+    return _butterworth(corner_hz, order, rate_hz)
 
 
 NOISE_FILTERS = {'analogue': noise_sections, 'digital': sample_sections}
 """What `low_pass_kind` may be: a filter before the sampling, or one of the output samples."""
+
+
+def _butterworth(corner_hz: float, order: int, rate_hz: float) -> Array:
+    from scipy.signal import butter  # as below: half a second that who only records need not wait
+
+    return np.asarray(butter(order, corner_hz, fs=rate_hz, output='sos'))
 
 
 class LowPass:
@@ -141,6 +146,8 @@ class LowPass:
             self._state = None
         if not len(values):
             return values
+        from scipy.signal import sosfilt, sosfilt_zi
+
         if self._state is None:
             self._state = np.multiply.outer(sosfilt_zi(self._sections), values[0])
         filtered, self._state = sosfilt(self._sections, values, axis=0, zi=self._state)

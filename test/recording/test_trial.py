@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `imu-bench demo --test` and `--scenario` make of a bench, without any process."""
 
+import subprocess
+import sys
+
 from imu_bench import bench
 from imu_bench.config.location import named_file
 from imu_bench.errors import ConfigError
@@ -91,3 +94,14 @@ def test_sensors_get_the_very_scenario(tmp_path):
     read = load_scenario(parameters['simulation.scenario'])
     assert read.truth == live.scenario.truth
     assert read.name == 'sine_on_random_sc1'
+
+
+def test_who_follows_a_scenario_waits_for_no_filters_and_no_analysis():
+    script = (
+        'import sys, imu_bench.recording.session\n'
+        'from imu_bench.recording import trial\n'
+        "trial.of_scenario('still', (), 10.0)\n"
+        "print([name for name in ('scipy', 'imu_bench.offline.plans') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True)
+    assert done.stdout == '[]\n', done.stdout + done.stderr
