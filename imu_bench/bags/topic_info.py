@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -94,6 +94,35 @@ def qos_text(profiles: Sequence[OfferedQos]) -> str:
         return ''
     entries = [profile.entry() for profile in profiles]
     return yaml.safe_dump(entries, sort_keys=False).strip()
+
+
+def meant(name: str, topics: Iterable[str]) -> list[str]:
+    """
+    Return the topics that a name stands for, best one: that of the name, or all it is a part of.
+
+    A name with a slash in front is a whole one.  Without, it is any run of the parts of a topic:
+    the name of a sensor, or the end of the topic.  Where a sensor has `imu/data_raw`, its
+    `imu/data` are the same samples and not meant (REP 145).
+
+    Examples
+    --------
+    >>> there = ['/bench/a/imu/data_raw', '/bench/a/imu/data', '/bench/b/imu/data_raw']
+    >>> meant('a', there), meant('b/imu/data_raw', there), meant('/a', there)
+    (['/bench/a/imu/data_raw'], ['/bench/b/imu/data_raw'], [])
+    """
+    known = list(dict.fromkeys(topics))
+    for exact in (name, f'/{name}'):
+        if exact in known:
+            return [exact]
+    if name.startswith('/') or not name:
+        return []
+    found = [topic for topic in known if f'/{name}/' in f'{topic}/']
+    return [topic for topic in found if not same_samples(topic, found)]
+
+
+def same_samples(topic: str, there: Collection[str]) -> bool:
+    """Return whether a topic has the samples of another that is there, with the orientation."""
+    return topic.endswith('imu/data') and f'{topic}_raw' in there
 
 
 @cache

@@ -36,7 +36,9 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         'demo', help='run a bench of emulated sensors under ROS 2, record it, analyse it'
     )
     parser.add_argument(
-        'bench', nargs='?', help=f'a bench of config/benches or a YAML (default {BENCH})'
+        'bench',
+        nargs='?',
+        help=f'a bench of config/benches or a YAML, also of one sensor (default {BENCH})',
     )
     parser.add_argument(
         '--duration',

@@ -39,7 +39,9 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         'only read, never written: identity registers, at the addresses the drivers know. Only '
         '--check starts the sensors.',
     )
-    parser.add_argument('bench', nargs='?', help='a bench of config/benches or a YAML')
+    parser.add_argument(
+        'bench', nargs='?', help='a bench of config/benches or a YAML, also of one sensor'
+    )
     parser.add_argument('--json', action='store_true', help='for machines')
     parser.add_argument(
         '--i2c-hz', type=_hertz, default=0.0, metavar='HZ',

@@ -58,7 +58,7 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument(
         '--topic', action='append', default=[], metavar='T',
-        help='without a bench: only this topic (repeatable)',
+        help='without a bench: only this topic, or that of the sensor with this name (repeatable)',
     )  # fmt: skip
     parser.add_argument(
         '--storage', choices=('mcap', 'sqlite3'), help="format of the bag (default the bench's)"
@@ -77,14 +77,17 @@ def run(arguments: argparse.Namespace) -> int:
     # a shell makes its background jobs ignore it; who sends it means it, also before all is up
     signal.signal(signal.SIGINT, signal.default_int_handler)
     # imported here: help must not wait for scipy and ROS 2
-    from imu_bench.bench import as_tested
+    from imu_bench.bench import as_tested, load_bench
     from imu_bench.config.bench import RecorderConfig
+    from imu_bench.config.location import named_file
     from imu_bench.nodes import network
     from imu_bench.nodes.spinning import require_ros
     from imu_bench.recording import place as places
     from imu_bench.recording import room
 
-    config = None if arguments.bench is None else _load(arguments.bench)
+    config = None
+    if arguments.bench is not None:
+        config = load_bench(named_file('benches', arguments.bench))
     place = places.choose(arguments, config)
     if config is not None and arguments.test:
         config = as_tested(config, config.test(arguments.test))
@@ -126,26 +129,6 @@ def _ros_or_say() -> bool:
         file=sys.stderr,
     )
     return False
-
-
-def _load(name: str) -> BenchConfig:
-    """Return the bench of a name or a file; that of a sensor is a bench of one."""
-    from imu_bench import bench
-    from imu_bench.config import BenchConfig
-    from imu_bench.config.bench import holds_parameters
-    from imu_bench.config.files import read_yaml
-    from imu_bench.config.location import named_file
-
-    path = named_file('benches', name)
-    if not holds_parameters(read_yaml(path)):
-        return bench.load_bench(path)
-    sensor = bench.load_sensor(path)
-    return BenchConfig(
-        name=sensor.name,
-        sensors=(sensor,),
-        files={sensor.name: path},
-        overrides={sensor.name: {}},
-    )
 
 
 def _announce(config: BenchConfig | None, place: Place, room: str, reached: str) -> None:

@@ -30,7 +30,10 @@ def register(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         'simulate', help='write the bag of a simulated bench', description=_DESCRIPTION
     )
     parser.add_argument(
-        'bench', nargs='?', metavar='BENCH', help='a bench of config/benches or a YAML file'
+        'bench',
+        nargs='?',
+        metavar='BENCH',
+        help='a bench of config/benches or a YAML file, also that of a single sensor',
     )
     parser.add_argument(
         '--from', dest='results', type=Path, metavar='JSON',

@@ -120,6 +120,8 @@ def load_bench(
     """
     Return the bench that a YAML file describes, with all its sensors.
 
+    The file of a sensor describes a bench of this one.
+
     Parameters
     ----------
     path : str or Path
@@ -133,7 +135,10 @@ def load_bench(
     """
     path = Path(path)
     document = read_yaml(path)
-    _refuse_parameters(document, path)
+    if _holds_parameters(document):
+        alone = load_sensor(path, settings_of=settings_of, recorded_in=recorded_in)
+        name = alone.name
+        return BenchConfig(name=name, sensors=(alone,), files={name: path}, overrides={name: {}})
     problems: list[str] = []
     entries = document.pop('sensors', None)
     tests = document.pop('tests', None)
@@ -178,18 +183,9 @@ def load_bench(
     )
 
 
-def holds_parameters(document: Mapping[Any, Any]) -> bool:
+def _holds_parameters(document: Mapping[Any, Any]) -> bool:
     """Return whether a document is the parameter file of a node, as that of a sensor is."""
     return any(isinstance(node, Mapping) and PARAMETERS in node for node in document.values())
-
-
-def _refuse_parameters(document: Mapping[Any, Any], path: Path) -> None:
-    """Say so where the file of a sensor stands for that of a bench."""
-    if holds_parameters(document):
-        raise ConfigError(
-            f"{path}: the parameters of a node, no bench; a bench lists its sensors' files below "
-            f"'sensors:', each as '- file: {path.name}'"
-        )
 
 
 def _section(

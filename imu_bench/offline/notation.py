@@ -23,6 +23,7 @@ _UNITS: dict[str, dict[str, tuple[str, ...]]] = {
     'B': {'m/s²': ('µg', 'mg'), 'rad/s': ('°/h', '°/s')},
     'K': {'m/s³/√Hz': ('µg/√h', 'm/s²/√h'), 'rad/s²/√Hz': ('°/h/√h', '°/s/√h')},
     'Q': {'m/s': ('mm/s', 'm/s'), 'rad': ('arcsec', '°')},
+    'per kelvin': {'m/s²/K': ('mg/K',), 'rad/s/K': ('m°/s/K', '°/s/K')},
     'R': {'m/s³': ('mg/h',), 'rad/s²': ('°/h²',)},
 }
 _BEFORE_CLOCKS = 2000  # year; earlier stamps are no date

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import time
 from typing import NamedTuple
 
+from imu_bench.bags.topic_info import meant
 from imu_bench.errors import NotReady
 from imu_bench.nodes.topic_names import DIAGNOSTICS, IMU_TYPE, SUFFIXES
 
@@ -32,7 +33,6 @@ def await_topics(
     graph: Callable[[], Mapping[str, str]], wanted: Sequence[str], ask: Callable[[], None]
 ) -> Topics:
     """Wait until there is something to record."""
-    names = tuple(dict.fromkeys('/' + name.removeprefix('/') for name in wanted))
     began = changed = time.monotonic()
     found: Mapping[str, str] = {}
     while True:
@@ -40,15 +40,24 @@ def await_topics(
         now, seen = time.monotonic(), graph()
         if seen != found:
             found, changed = seen, now
-        if names and set(names) <= set(found):
-            return Topics(names, names)
-        imus = _imus(found)
-        if imus and not names and now - changed > SETTLED_S:
+        imus, settled = _imus(found), now - changed > SETTLED_S
+        names = [_full(name, found, imus if settled else ()) for name in wanted]
+        if names and all(names):
+            every = tuple(dict.fromkeys(names))
+            return Topics(every, every)
+        if imus and not names and settled:
             return Topics(imus, (*imus, *_neighbours(found)))
         if now - began > WITHIN_S + SETTLED_S:
-            raise NotReady(_nobody(names, found))
+            lost = [name for name, topic in zip(wanted, names, strict=True) if not topic]
+            raise NotReady(_nobody(lost, found))
         # the pace of looking: the graph tells nobody that it has changed
         time.sleep(LOOK_S)
+
+
+def _full(name: str, graph: Mapping[str, str], imus: Sequence[str]) -> str:
+    """Return the topic that a name stands for: a short one is that of one Imu topic alone."""
+    found = meant(name, graph) if '/' + name.lstrip('/') in graph else meant(name, imus)
+    return found[0] if len(found) == 1 else ''
 
 
 def _imus(graph: Mapping[str, str]) -> tuple[str, ...]:
@@ -67,8 +76,8 @@ def _neighbours(graph: Mapping[str, str]) -> Iterable[str]:
 def _nobody(names: Sequence[str], graph: Mapping[str, str]) -> str:
     there = ', '.join(_imus(graph)) or 'none'
     if names:
-        missing = ', '.join(name for name in names if name not in graph)
-        return f'{missing}: nobody publishes this after {WITHIN_S:g} s; Imu topics: {there}'
+        lost = ', '.join(names)
+        return f'{lost}: nobody publishes this after {WITHIN_S:g} s; Imu topics: {there}'
     return (
         f'nobody publishes an Imu topic after {WITHIN_S:g} s; start a driver, check '
         'ROS_DOMAIN_ID, or name a bench to start its sensors'

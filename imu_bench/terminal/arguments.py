@@ -54,8 +54,9 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         'inputs', nargs='+', metavar='INPUT', help='bag, text file, arrays, or a folder of them'
     )
     parser.add_argument(
-        '--topic', action='append', default=[], metavar='T', help='only this topic (repeatable)'
-    )
+        '--topic', action='append', default=[], metavar='T',
+        help='only this topic, or that of the sensor with this name (repeatable)',
+    )  # fmt: skip
     parser.add_argument(
         '--rate', type=float, metavar='HZ', help='sample rate of a text file without a time column'
     )

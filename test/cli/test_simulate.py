@@ -116,6 +116,17 @@ def test_a_scenario_brings_its_duration_and_can_be_changed(imu_bench, own_bench,
     assert line == pytest.approx(10.0, abs=0.02)
 
 
+def test_the_file_of_a_sensor_is_a_bench_of_one(imu_bench, own_bench, tmp_path):
+    """It was refused, while `record` took it; `analyze` knows the sensor by its name."""
+    alone = next(own_bench.parent.glob('left*.yaml'))
+    bag = tmp_path / 'bag'
+    code, out, _ = imu_bench('simulate', alone, '--duration', '20s', '-o', bag)
+    assert (code, '20 s in' in out) == (0, True)
+    code, out, _ = imu_bench('analyze', bag, '--topic', alone.stem)
+    assert code == 0
+    assert '1 sensor, 20.0 s' in out
+
+
 def test_a_shipped_bench_by_its_name(imu_bench, tmp_path):
     code, out, _ = imu_bench(
         'simulate', 'vehicle_vibration', '--scenario', 'sine_on_random_sc1',

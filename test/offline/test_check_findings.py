@@ -6,10 +6,12 @@ import re
 
 from imu_bench.bags.topic_info import describe, OfferedQos
 from imu_bench.bags.writer import BagWriter
+from imu_bench.offline.analysis.axis_result import AxisResult
 from imu_bench.offline.analysis.recording import analyse, axis_findings
+from imu_bench.offline.recordings import load_all, open_source, ReadOptions
 from imu_bench.samples import Samples
 from msg_conversions import cdr
-from msg_conversions.templates import Template
+from msg_conversions.templates import ImuTemplate, Template
 import numpy as np
 import pytest
 
@@ -145,14 +147,41 @@ def test_another_temperature_is_not_the_cause(recording_of, noise, kind):
         assert 'It does not follow the temperature, ' in bias_moves(analyse(recording_of(samples)))
 
 
-def test_the_temperature_may_be_a_topic_beside(recording_of, noise, tmp_path):
+def test_the_temperature_may_be_a_topic_beside(noise, tmp_path):
     samples = drifting(noise(14), heater(60_000), 2e-4)
+    imu, warm = '/bench/chip/imu/data_raw', '/bench/chip/temperature'
     with BagWriter(tmp_path / 'bag', 'mcap') as bag:
-        name = '/bench/chip/temperature'
-        bag.add_topic(describe(name, 'sensor_msgs/msg/Temperature', [OfferedQos()]))
+        bag.add_topic(describe(imu, 'sensor_msgs/msg/Imu', [OfferedQos()]))
+        bag.add_topic(describe(warm, 'sensor_msgs/msg/Temperature', [OfferedQos()]))
+        rows = ImuTemplate('link').imu_rows(samples.stamps, None, samples.angular_velocity)
+        bag.write_many(imu, samples.stamps, rows)
         slow = samples.stamps[::100]
         part = (cdr.TEMPERATURE_VALUE, samples.temperature[::100, None])
-        bag.write_many(name, slow, Template('link', (0.0, 0.0)).rows(slow, part))
-    alone = replace(samples, temperature=None)
-    result = analyse(recording_of(alone, source=str(tmp_path / 'bag')))
+        bag.write_many(warm, slow, Template('link', (0.0, 0.0)).rows(slow, part))
+    with open_source(tmp_path / 'bag', ReadOptions()) as source:
+        [recording] = load_all(source, source.select())
+    result = analyse(recording)
     assert 'It follows the temperature, 29.5 to 30.5 °C' in bias_moves(result)
+    assert result.health.temperature == pytest.approx((30.5, 29.5), abs=0.6)
+    found = result.axes['angular_velocity.x'].temperature
+    assert found.coefficient.low <= 2e-4 <= found.coefficient.high
+    assert found.coefficient.unit == 'rad/s/K'
+    again = AxisResult.from_json('angular_velocity.x', result.axes['angular_velocity.x'].to_json())
+    assert again.temperature == found
+
+
+@pytest.mark.parametrize('per_kelvin', [0.0, 2e-5])
+def test_a_slow_rise_gives_a_coefficient_with_its_interval(recording_of, noise, per_kelvin):
+    """No finding is needed for it: a bias that follows the temperature may look like noise."""
+    samples = drifting(noise(15), 25.0 + np.arange(60_000) / 6_000.0, per_kelvin)
+    result = analyse(recording_of(samples))
+    found = result.axes['angular_velocity.x'].temperature
+    assert found.telling
+    assert (found.low, found.high) == pytest.approx((25.0, 35.0), abs=0.02)
+    assert found.coefficient.low <= per_kelvin <= found.coefficient.high
+    assert found.coefficient.high - found.coefficient.low < 2e-5
+
+
+def test_a_room_that_keeps_its_temperature_tells_nothing(recording_of, noise):
+    samples = replace(noise(16), temperature=np.full(60_000, 25.0))
+    assert all(axis.temperature is None for axis in analyse(recording_of(samples)).axes.values())

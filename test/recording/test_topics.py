@@ -52,6 +52,13 @@ def test_only_what_is_named(find):
     assert took_s == 0.0
 
 
+def test_the_name_of_a_sensor_stands_for_its_only_imu_topic(find):
+    """Once no topic has come for a while: another of the same name may be on its way."""
+    topics, took_s = find(GRAPH, ['a', '/camera/imu'])
+    assert topics.main == topics.recorded == ('/bench/a/imu/data_raw', '/camera/imu')
+    assert took_s >= 1.5
+
+
 @pytest.mark.parametrize(
     ('graph', 'wanted', 'text'),
     [
@@ -61,6 +68,11 @@ def test_only_what_is_named(find):
             'nobody publishes an Imu topic after 10 s; start a driver, check ',
         ),
         (GRAPH, ('/nope', '/camera/imu'), '/nope: nobody publishes this after 10 s; Imu topics: '),
+        (
+            GRAPH,
+            ('imu',),
+            'imu: nobody publishes this after 10 s; Imu topics: /bench/a/imu/data_raw, /c',
+        ),
     ],
 )
 def test_nobody_publishes_it(find, graph, wanted, text):

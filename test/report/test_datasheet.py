@@ -84,3 +84,50 @@ def test_paper_says_what_the_page_says(written):
 def test_pdf_wants_a_folder(capsys):
     assert main(['analyze', 'x.csv', '--pdf']) == 1
     assert '--sheets DIR' in capsys.readouterr().err
+
+
+@pytest.fixture(scope='module')
+def warmed(tmp_path_factory):
+    """Return the datasheet and the CSV of a sensor that was warmed by 8 K, 0.2 mg/K."""
+    folder = tmp_path_factory.mktemp('warmed')
+    n = 12_000
+    celsius = 25.0 + 8.0 * np.arange(n) / n
+    force = np.random.default_rng(2).normal([0.0, 0.0, 9.80665], 0.02, (n, 3))
+    force += 0.2e-3 * 9.80665 * (celsius[:, None] - 25.0)
+    rows = np.column_stack([1_700_000_000.0 + np.arange(n) / 100.0, force, celsius])
+    names = [f'linear_acceleration.{axis}' for axis in 'xyz']
+    np.savetxt(folder / 'chip.csv', rows, fmt='%.9f', delimiter=',', comments='',
+               header=','.join(['stamp_s', *names, 'temperature']))  # fmt: skip
+    (folder / 'maker.yaml').write_text(
+        'chip: {source: XY-1, linear_acceleration: {bias_per_kelvin: 0.05 mg/K}}'
+    )
+    arguments = ['analyze', folder / 'chip.csv', '--units', 'temperature=degC', '--sheets', folder,
+                 '--json', folder / 'r.json', '--html', folder / 'r.html',
+                 '--datasheet', folder / 'maker.yaml']  # fmt: skip
+    assert main(list(map(str, arguments))) == 0
+    return folder
+
+
+def test_the_temperature_coefficient_stands_beside_that_of_the_maker(warmed, capsys):
+    said = words((warmed / 'chip.html').read_text('utf-8'))
+    [row] = re.findall(
+        r'Temperature coefficient (.*?) mg/K of the bias, 25\.0 to 33\.0 °C 0\.0500 worse', said
+    )
+    values = [float(number) for number in re.findall(r'([\d.]+) (?:±|\()', row)]
+    assert values == [pytest.approx(0.2, rel=0.2)] * 3
+    assert 'Temperature 25.2 °C at the begin, 32.8 °C at the end' in said
+    page = words((warmed / 'r.html').read_text('utf-8'))
+    assert 'Temperature coefficient mg/K' in page
+    assert 'acceleration, temperature coefficient worse' in page
+    assert main(['export', str(warmed / 'r.json'), '--to', 'csv']) == 0
+    lines = [line.split(',') for line in capsys.readouterr().out.splitlines()]
+    slopes = [float(line[4]) for line in lines if line[3] == 'temperature_coefficient']
+    assert slopes == [pytest.approx(0.2e-3 * 9.80665, rel=0.2)] * 3
+
+
+def test_what_was_seen_has_one_unit(warmed):
+    """Minimum and maximum stood in mg and g, one below the other."""
+    said = words((warmed / 'chip.html').read_text('utf-8'))
+    rows = re.findall(r'(?:Mean, with gravity|Minimum seen|Maximum seen) .*? (µg|mg|g) ', said)
+    assert len(rows) == 3
+    assert len(set(rows)) == 1

@@ -19,6 +19,7 @@ from imu_bench.offline.analysis.axes import Axis
 from imu_bench.offline.analysis.axis_result import AxisResult, Density, Envelope, STATISTICS
 from imu_bench.offline.analysis.checks import examine, hear, NO_CHECKS, Signal, slow_part
 from imu_bench.offline.analysis.settings import Settings
+from imu_bench.offline.analysis.temperature import effect, Warmth
 from imu_bench.offline.health.finding import FALSE_ALARM
 from imu_bench.offline.stages import stage
 import numpy as np
@@ -31,7 +32,9 @@ _BINS = 80
 
 
 @stage('statistics')
-def measure(axis: Axis, grid: Grid, start_s: float, settings: Settings) -> AxisResult:
+def measure(
+    axis: Axis, grid: Grid, start_s: float, settings: Settings, warm: Warmth | None = None
+) -> AxisResult:
     """Return everything that is measured on one axis."""
     kept = _kept(axis.values, grid)
     rate = 1.0 / grid.period_s
@@ -63,6 +66,9 @@ def measure(axis: Axis, grid: Grid, start_s: float, settings: Settings) -> AxisR
         checks = NO_CHECKS
         if blocks is not None:
             checks = examine(signal, blocks, curve, fit, heard, model, settings.confidence)
+        thermal = None
+        if blocks is not None and warm is not None:
+            thermal = effect(warm, blocks, axis.unit, settings.confidence)
     with stage('spectra'):
         spread = None if constant else _spectrum(placed, rate, axis.unit, valid, settings)
         psd = None if spread is None else _density(spread)
@@ -79,6 +85,7 @@ def measure(axis: Axis, grid: Grid, start_s: float, settings: Settings) -> AxisR
         psd=psd,
         choice=None if heard is None else heard[0],
         checks=checks,
+        temperature=thermal,
         outliers=summary.outliers.count,
         histogram=None if constant else normality.histogram(kept, axis.unit, _BINS),
         envelope=envelope(axis.values, grid, start_s),

@@ -24,6 +24,7 @@ from imu_bench.offline.analysis.json_forms import (
     model_to_json,
     rows_from_json,
 )
+from imu_bench.offline.analysis.temperature import Effect
 from imu_bench.offline.analysis.typed import plain
 import numpy as np
 import numpy.typing as npt
@@ -120,6 +121,7 @@ class AxisResult:
     envelope: Envelope | None = None
     # of a sensor pooled from several recordings: how they differ, by coefficient
     between: Mapping[str, Scatter] = field(default_factory=dict)
+    temperature: Effect | None = None  # on the bias, where the temperature is known and changed
 
     @property
     def quantity(self) -> str:
@@ -193,6 +195,12 @@ class AxisResult:
         return found
 
     @property
+    def per_kelvin(self) -> Estimate | None:
+        """Change of the bias with the temperature; None where that was not seen to change."""
+        found = self.temperature
+        return found.coefficient if found is not None and found.telling else None
+
+    @property
     def densities(self) -> NoiseDensities | None:
         """The three noise densities with a verdict, or None where one is missing."""
         found = self.noise_density_methods
@@ -218,6 +226,8 @@ class AxisResult:
             document['noise_density_verdict'] = compared.verdict
         if self.outliers is not None:
             document['outliers'] = self.outliers
+        if self.temperature is not None:
+            document['temperature'] = self.temperature.to_json()
         if self.between:
             document['between_recordings'] = {n: _scatter(s) for n, s in self.between.items()}
         return document | self.checks.to_json()
@@ -227,7 +237,7 @@ class AxisResult:
         """Return the axis that `to_json` wrote."""
         methods = document['noise_density_methods']
         curve, density = document['allan'], document['psd']
-        choice = document.get('model_choice')
+        choice, warm = document.get('model_choice'), document.get('temperature')
         return cls(
             name=name,
             unit=document['unit'],
@@ -240,6 +250,7 @@ class AxisResult:
             checks=Checks.from_json(document),
             choice=None if choice is None else choice_from_json(choice),
             outliers=document.get('outliers'),
+            temperature=None if warm is None else Effect.from_json(warm),
             between={
                 term: Scatter(
                     records=given['recordings'],

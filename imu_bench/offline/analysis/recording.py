@@ -19,15 +19,13 @@ from imu_bench.offline.analysis.axis import intervals, measure
 from imu_bench.offline.analysis.axis_result import AxisResult
 from imu_bench.offline.analysis.results import RecordingResult
 from imu_bench.offline.analysis.settings import Settings
-from imu_bench.offline.analysis.temperature import said
+from imu_bench.offline.analysis.temperature import said, Warmth, warmth
 from imu_bench.offline.health import Health
 from imu_bench.offline.health.check import ranked
 from imu_bench.offline.health.finding import Finding, tone_findings
 from imu_bench.offline.notation import number
 from imu_bench.offline.recordings import Recording
-from imu_bench.offline.recordings.companions import beside
 import numpy as np
-import numpy.typing as npt
 
 __all__ = ['Prepared', 'Settings', 'analyse', 'cut', 'finish', 'measure', 'prepare']
 
@@ -49,7 +47,7 @@ def analyse(
     found = {}
     for axis in prepared.axes:
         try:
-            found[axis.name] = measure(axis, prepared.grid, prepared.start_s, prepared.settings)
+            found[axis.name] = prepared.measure(axis)
         except DataError as error:
             raise RecordingError(f'{prepared.result.where}: {error}') from error
         if progress is not None:
@@ -66,7 +64,11 @@ class Prepared:
     grid: Grid  # where on the time axis the samples are
     start_s: float  # time of the first sample in s after that of the recording
     settings: Settings
-    celsius: npt.NDArray[np.float64] | None  # temperature of each sample, if it is among them
+    warmth: Warmth | None  # the temperature, where it is known
+
+    def measure(self, axis: Axis) -> AxisResult:
+        """Return everything that is measured on one axis."""
+        return measure(axis, self.grid, self.start_s, self.settings, self.warmth)
 
 
 @stages.stage('health')
@@ -110,7 +112,7 @@ def prepare(recording: Recording, settings: Settings, problems: Sequence[str] = 
         for axis in present
     )
     since_s = (int(stamps[0]) - origin) * 1e-9
-    return Prepared(result, present, grid, since_s, settings, part.samples.temperature)
+    return Prepared(result, present, grid, since_s, settings, warmth(part))
 
 
 def finish(prepared: Prepared, found: Mapping[str, AxisResult]) -> RecordingResult:
@@ -123,18 +125,8 @@ def finish(prepared: Prepared, found: Mapping[str, AxisResult]) -> RecordingResu
 def _why(prepared: Prepared, found: Mapping[str, AxisResult]) -> str:
     """Return whether the temperature is why the bias of axes moved; empty if none is known."""
     coarse = prepared.result.health.coarse
-    moved = [a for a in prepared.axes if a.name not in coarse and _events(found[a.name])]
-    if not moved:
-        return ''
-    result, grid, celsius = prepared.result, prepared.grid, prepared.celsius
-    if celsius is None:
-        source = result.health.stamp_source
-        warm = beside(result.source, result.topic, source, 'temperature')
-        if warm is None:
-            return ''
-        known = (warm.stamps - result.start_ns) * 1e-9
-        celsius = np.interp(grid.index * grid.period_s, known, warm.values[:, 0])
-    return said(moved, grid, celsius, prepared.settings.confidence)
+    moved = [name for name, axis in found.items() if name not in coarse and _events(axis)]
+    return said((name, found[name].temperature) for name in moved)
 
 
 def cut(recording: Recording, settings: Settings) -> Recording:

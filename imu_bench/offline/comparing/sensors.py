@@ -9,6 +9,7 @@ Typical values of sensors that have no driver here come from a YAML file:
       linear_acceleration:
         noise_density: 120 µg/√Hz            # one value, or three for x, y and z
         bias_instability: 40 µg
+        bias_per_kelvin: 0.1 mg/K            # its size: documents give ±
       angular_velocity:
         noise_density: 0.007 °/s/√Hz
 """
@@ -17,7 +18,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path, PurePath
 from typing import Any, Protocol, TYPE_CHECKING
@@ -112,6 +113,10 @@ def _settings(quantity: Quantity) -> tuple[Setting, ...]:
         Setting(
             'bias_instability', None, 'Coefficient B.', unit=quantity.unit, kind='quantity'
         ),
+        Setting(
+            'bias_per_kelvin', None, 'Change of the bias with the temperature, its size.',
+            unit=f'{quantity.unit}/K', kind='quantity',
+        ),
     )  # fmt: skip
 
 
@@ -141,7 +146,7 @@ class Verdict:
     # label, axis: sensor and axis name
     label: str
     axis: str
-    parameter: str  # 'noise density', 'bias instability' or 'bias'
+    parameter: str  # 'noise density', 'bias instability' or 'temperature coefficient'
     measured: Estimate
     typical: float  # in the unit of the estimate
     source: str  # datasheets and table
@@ -314,12 +319,28 @@ def _against(sheet: Typical, axis: AxisResult, position: int, label: str) -> Ite
         ('noise density', axis.white_density, sheet.noise_density),
         ('bias instability', axis.coefficient('B'), sheet.bias_instability),
     ]
+    if (slope := axis.per_kelvin) is not None:
+        lines.append(('temperature coefficient', _size(slope), sheet.bias_per_kelvin))
     for parameter, measured, given in lines:
         value = given[position] if isinstance(given, tuple) else given
         if value is not None and value > 0.0:
             yield Verdict(
                 label, axis.name, parameter, measured, value, sheet.source, _judge(measured, value)
             )
+
+
+def _size(signed: Estimate) -> Estimate:
+    """Return the size of a number that may be of either sign; a bound where that is not known."""
+    value, low, high = signed.value, signed.low, signed.high
+    if value is None or low is None or high is None:
+        return signed
+    if low <= 0.0 <= high:
+        return Estimate.not_observable(
+            signed.unit, 'the interval holds zero', high=max(-low, high),
+            confidence=signed.confidence,
+        )  # fmt: skip
+    near, far = sorted((abs(low), abs(high)))
+    return replace(signed, value=abs(value), low=near, high=far)
 
 
 def _judge(measured: Estimate, typical: float) -> str:

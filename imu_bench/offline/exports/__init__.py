@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import csv
 import io
 
+from imu_bench.bags.topic_info import meant
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.analysis.axis_result import AxisResult
@@ -99,16 +100,21 @@ def choose(analysis: Analysis, topics: Sequence[str] = ()) -> dict[str, Recordin
         If one names no sensor.
     """
     rows = dict(zip(labels(analysis.recordings), analysis.recordings, strict=True))
+    wanted: set[str] = set()
     for topic in topics:
-        if not any(topic in (name, recording.topic) for name, recording in rows.items()):
+        found = {name for name, recording in rows.items() if topic in (name, recording.topic)}
+        if not found:
+            ends = meant(topic, (recording.topic for recording in rows.values()))
+            found = {name for name, recording in rows.items() if [recording.topic] == ends}
+        if not found:
             raise RecordingError(
                 f'no sensor {topic!r} in this result; there are: {_known(rows) or "none"}'
             )
-    wanted = set(topics)
+        wanted |= found
     return {
         name: recording
         for name, recording in rows.items()
-        if (wanted & {name, recording.topic} if topics else recording in analysis.sensors)
+        if (name in wanted if topics else recording in analysis.sensors)
     }
 
 
@@ -176,6 +182,8 @@ def _rows(recording: RecordingResult) -> Iterator[tuple[str, str, Estimate, str]
         for term in axis.model.coefficients:
             estimate = axis.coefficient(term)
             yield name, term, estimate, _COEFFICIENT.get(term, '')
+        if axis.temperature is not None:
+            yield name, 'temperature_coefficient', axis.temperature.coefficient, 'of the bias'
         yield from _checks(name, axis)
 
 

@@ -20,6 +20,7 @@ from imu_bench.offline.health.signals import Spikes
 from imu_bench.offline.health.stamps import reading_findings
 from imu_bench.offline.notation import number, percent
 from imu_bench.offline.recordings import Recording
+from imu_bench.offline.recordings.companions import companion
 import numpy as np
 import numpy.typing as npt
 
@@ -163,7 +164,7 @@ def check(
         else (when(0), when(stamps_ns.size)),
         stamp_source=recording.stamp_source,
         stamp_reason=recording.stamp_reason,
-        temperature=_ends(recording.samples.temperature),
+        temperature=_ends(recording),
         timing=timing,
         coarse=frozenset(name for name, fact in facts.items() if signals.is_coarse(fact)),
         spikes=spikes,
@@ -196,7 +197,7 @@ def _signal_findings(
     yield from signals.impossible(facts, present, when)
     yield from signals.gravity(samples, motion.size, moved=motion.share > _SEVERE_MOTION)
     yield from _motion_finding(motion, when)
-    yield from _temperature_finding(_ends(samples.temperature))
+    yield from _temperature_finding(_ends(recording))
 
 
 def _clock(stamps_ns: npt.NDArray[np.int64], origin: int) -> Callable[[int], float]:
@@ -230,12 +231,16 @@ def _motion_finding(motion: Motion, when: Callable[[int], float]) -> Iterator[Fi
     )
 
 
-def _ends(temperature: npt.NDArray[np.float64] | None) -> tuple[float, ...]:
-    """Return the mean of the first and of the last twentieth, where there is one."""
-    if temperature is None or temperature.size < 20:
+def _ends(recording: Recording) -> tuple[float, ...]:
+    """Return the mean of the first and of the last twentieth, where it is known."""
+    found = companion(recording, 'temperature')
+    if found is None:
         return ()
-    edge = temperature.size // 20
-    return float(temperature[:edge].mean()), float(temperature[-edge:].mean())
+    stamps = recording.samples.stamps
+    during = (found.stamps >= stamps[0]) & (found.stamps <= stamps[-1])
+    celsius = found.values[during, 0]
+    edge = celsius.size // 20 or 1
+    return (float(celsius[:edge].mean()), float(celsius[-edge:].mean())) if celsius.size else ()
 
 
 def _temperature_finding(ends: Sequence[float]) -> Iterator[Finding]:

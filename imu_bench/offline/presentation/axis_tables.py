@@ -108,6 +108,10 @@ def statistics(axes: Sequence[AxisResult], health: Health) -> Table:
         for title, name in _STATISTICS
         if all(name in axis.statistics for axis in axes)
     ]
+    if any(axis.per_kelvin for axis in axes):
+        still = Estimate.not_observable(f'{axes[0].unit}/K', 'the temperature hardly changed')
+        slopes = [axis.per_kelvin or still for axis in axes]
+        numbers.append(('Temperature coefficient', 'per kelvin', slopes))
     steps = [health.resolution.get(axis.name) for axis in axes]
     if all(step is not None for step in steps):
         numbers.append(('Resolution', 'level', [step for step in steps if step is not None]))

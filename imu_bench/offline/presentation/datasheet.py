@@ -103,9 +103,14 @@ def _table(
     recording: RecordingResult, quantity: Quantity, verdicts: Mapping[tuple[str, str], Verdict]
 ) -> Table:
     axes = recording.of(quantity.name)
+    lines = list(_lines(recording, quantity, axes))
+    of_role: dict[str, list[Estimate]] = {}
+    for _, role, found, _ in lines:
+        of_role.setdefault(role, []).extend(found)
+    units = {role: unit_of(found, role) for role, found in of_role.items()}
     rows = [
-        _row(axes, title, role, found, condition, verdicts)
-        for title, role, found, condition in _lines(recording, quantity, axes)
+        _row(axes, title, units[role], found, condition, verdicts)
+        for title, role, found, condition in lines
     ]
     columns = (
         Column('Parameter'), *(Column(axis.letter) for axis in axes), Column('Unit'),
@@ -122,7 +127,7 @@ def _table(
 
 
 _Line = tuple[str, str, list[Estimate], str]
-"""Title, role for `notation.unit_of`, a number of each axis, and under which condition."""
+"""Title, role (numbers of one have one unit), a number of each axis, under which condition."""
 
 
 def _lines(
@@ -144,6 +149,12 @@ def _lines(
     bias = 'Bias' if quantity is ANGULAR_VELOCITY else 'Mean, with gravity'
     condition = 'this run' if quantity is ANGULAR_VELOCITY else 'tilt not taken off'
     yield bias, 'level', [a.statistics['mean'] for a in axes], condition
+    if any(a.per_kelvin for a in axes):
+        still = Estimate.not_observable(f'{quantity.unit}/K', 'the temperature hardly changed')
+        warm = [a.temperature for a in axes if a.temperature is not None]
+        span = f'{min(w.low for w in warm):.1f} to {max(w.high for w in warm):.1f} °C'
+        slopes = [a.per_kelvin or still for a in axes]
+        yield 'Temperature coefficient', 'per kelvin', slopes, f'of the bias, {span}'
     if all('mean' in a.between for a in axes):
         runs = axes[0].between['mean'].records
         scatter = [a.between['mean'].std for a in axes]
@@ -169,14 +180,12 @@ def _floor(axis: AxisResult) -> tuple[float, Estimate]:
 def _row(
     axes: Sequence[AxisResult],
     title: str,
-    role: str,
+    unit: str,
     found: Sequence[Estimate],
     condition: str,
     verdicts: Mapping[tuple[str, str], Verdict],
 ) -> tuple[Cell, ...]:
-    unit = unit_of(found, role)
-    parameter = {'Noise density': 'noise density', 'Bias instability B': 'bias instability'}
-    judged = [verdicts.get((axis.name, parameter.get(title, ''))) for axis in axes]
+    judged = [verdicts.get((axis.name, title.lower().removesuffix(' b'))) for axis in axes]
     given = [v for v in judged if v is not None]
     typical = dict.fromkeys(
         number(Estimate(v.typical, None, None, v.measured.unit).to(unit).value or 0.0, 3)

@@ -134,6 +134,14 @@ def _rank(row: Sequence[Estimate | None]) -> tuple[float, ...]:
     return tuple(math.inf if e is None else e.value or 0.0 for e in reversed(row))
 
 
+PARAMETERS = {
+    'noise density': 'density',
+    'bias instability': 'B',
+    'temperature coefficient': 'per kelvin',
+}
+"""What a datasheet gives, and its role for `notation.unit_of`."""
+
+
 def against_datasheets(
     compared: Comparison, doubtful: Collection[str] = (), *, simulated: bool = False
 ) -> list[Table]:
@@ -195,7 +203,7 @@ def _groups(verdicts: Sequence[Verdict]) -> list[list[Verdict]]:
 
 def _judged(group: Sequence[Verdict], usual: str, doubtful: bool) -> tuple[Cell, ...]:
     first, axes = group[0], _letters(group)
-    role = 'density' if first.parameter == 'noise density' else 'B'
+    role = PARAMETERS[first.parameter]
     unit = readable_unit(first.measured.unit, role, [verdict.typical for verdict in group])
     measured = side_by_side([verdict.measured for verdict in group], unit)
     kind = min((verdict.verdict for verdict in group), key=_ORDER.index).replace(' ', '-')

@@ -15,6 +15,7 @@ from imu_bench.bags.problems import INCOMPLETE, Problem
 from imu_bench.bags.ros1 import Ros1File
 from imu_bench.errors import NotReady, RecordingError
 from imu_bench.offline.recordings import definitions
+from imu_bench.offline.recordings.companions import Thermometers
 from imu_bench.offline.recordings.delivery import Heard, speaks
 from imu_bench.offline.recordings.source import Chunk, IMU_TYPES, READABLE, Source, Topic
 
@@ -82,14 +83,16 @@ def _source(
                 inside[found.topic] = found
                 topics[found.topic] = Topic(found.topic, found.type, count, is_imu=True)
     heard = Heard(path, bench)
+    warm = Thermometers(bag.channels)
     return Source(
         path=path,
         format=kind,
         topics=tuple(topics.values()),
-        reader=_Reader(bag, inside, described, full, heard),
+        reader=_Reader(bag, inside, described, full, heard, warm),
         announced=announced,
         problems=problems,
         heard=heard,
+        thermometers=warm,
         undefined=lambda: definitions.missing(set(bag.channels) - set(described)),
     )
 
@@ -109,9 +112,11 @@ class _Reader:
         described: Mapping[Channel, Channel],
         full: bool,
         heard: Heard,
+        warm: Thermometers,
     ) -> None:
         self._bag = bag
         self._heard = heard
+        self._warm = warm
         self._inside = inside
         self._described = described
         self._full = full
@@ -124,7 +129,8 @@ class _Reader:
         names = {topic.name for topic in topics} | {found.channel.topic for found in inside}
         # in the same pass: they lie in the same chunks
         names |= {channel.topic for channel in self._bag.channels if speaks(channel)}
-        blocks = map(self._with_definition, self._heard.without(self._bag.blocks(names)))
+        stored = self._warm.without(self._bag.blocks(names | self._warm.topics))
+        blocks = map(self._with_definition, self._heard.without(stored))
         yield from samples(blocks, topics, inside, problems, self._full)
         if self._heard.damaged:
             words = f'{self._heard.damaged} messages of diagnostics are damaged and were left out'

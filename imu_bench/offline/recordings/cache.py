@@ -16,6 +16,7 @@ from typing import Any
 
 from imu_bench.bags.problems import code_of, Problem
 from imu_bench.errors import RecordingError
+from imu_bench.offline.recordings.companions import Thermometer
 from imu_bench.offline.recordings.delivery import Delivery, Stretch
 from imu_bench.offline.recordings.discovery import siblings
 from imu_bench.offline.recordings.loading import load_all, Progress, Recording, stored_bytes
@@ -32,12 +33,13 @@ LARGE = 8 << 20
 _MANY = 1 << 20
 """Samples from which they do so as well: what hardly changes takes few bytes, compressed."""
 
-SCHEMA = 'imu_bench.columns/6'
+SCHEMA = 'imu_bench.columns/7'
 _INDEX = 'columns.json'
 _PLAIN = (
     'source', 'topic', 'frame_id', 'announced', 'stored', 'left_out', 'stamp_source',
     'stamp_reason', 'covariances', 'serial',
 )  # fmt: skip
+_WARM = ('warm_stamps', 'warm_receive_ns', 'warm_celsius')
 _EDGE = 1 << 16
 
 
@@ -132,7 +134,7 @@ def _fill(folder: Path, path: Path, options: ReadOptions, progress: Progress | N
         document: dict[str, Any] = {
             'schema': SCHEMA,
             'problems': list(map(_packed, source.problems)),
-            'recordings': [_described(recording) for recording in found],
+            'recordings': [_described(recording, arrays) for recording in found],
         }
     text = json.dumps(document, ensure_ascii=False)
     # written last: without it the folder is not complete
@@ -147,17 +149,20 @@ def _fill(folder: Path, path: Path, options: ReadOptions, progress: Progress | N
             file.unlink()
 
 
-def _described(recording: Recording) -> dict[str, Any]:
+def _described(recording: Recording, folder: ArrayFolder) -> dict[str, Any]:
     arrays = {
         'stamps': recording.samples.stamps,
         'receive_ns': recording.receive_ns,
         **recording.samples.columns,
     }
+    if (warm := recording.thermometer) is not None:
+        arrays |= dict(zip(_WARM, map(folder.put, warm[1:]), strict=True))
     places = {name: locate(array) for name, array in arrays.items() if array is not None}
     return {
         **{name: getattr(recording, name) for name in _PLAIN},
         'notes': list(map(_packed, recording.notes)),
         'delivery': None if recording.delivery is None else asdict(recording.delivery),
+        'thermometer': None if warm is None else warm.topic,
         'columns': {
             name: {**place._asdict(), 'path': os.path.basename(place.path)}
             for name, place in places.items()
@@ -193,11 +198,13 @@ def _recording(folder: Path, described: Mapping[str, Any]) -> Recording:
         shape, strides = tuple(place['shape']), tuple(place['strides'])
         arrays[name] = attach(Place(str(file), place['offset'], place['dtype'], shape, strides))
     receive: np.ndarray[Any, np.dtype[np.int64]] | None = arrays.pop('receive_ns', None)
+    warm = [arrays.pop(name) for name in _WARM if name in arrays]
     return Recording(
         samples=Samples(**arrays),
         receive_ns=receive,
         notes=tuple(Problem(*packed) for packed in described['notes']),
         delivery=_delivery(described['delivery']),
+        thermometer=Thermometer(described['thermometer'], *warm) if warm else None,
         **{name: described[name] for name in _PLAIN},
     )
 

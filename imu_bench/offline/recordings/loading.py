@@ -21,6 +21,7 @@ from imu_bench.counting import listed
 from imu_bench.errors import RecordingError
 from imu_bench.offline import stages
 from imu_bench.offline.recordings import simulated
+from imu_bench.offline.recordings.companions import Thermometer
 from imu_bench.offline.recordings.delivery import Delivery
 from imu_bench.offline.recordings.gathering import Allocate, Gathered
 from imu_bench.offline.recordings.sifting import check_span, choose, OUTER, sift
@@ -64,6 +65,7 @@ class Recording:
     # what became of its samples, if the sensor says so in the same bag
     delivery: Delivery | None = None
     serial: str = ''  # number of the part, if the bag tells it
+    thermometer: Thermometer | None = None  # the temperature of the sensor in the same bag
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -180,6 +182,7 @@ def _recording(source: Source, topic: Topic, gathered: Gathered) -> Recording:
         covariances=gathered.covariances,
         delivery=delivery,
         serial='' if source.heard is None else source.heard.serial(topic.name),
+        thermometer=None if source.thermometers is None else source.thermometers.of(topic.name),
     )
 
 

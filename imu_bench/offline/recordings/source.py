@@ -10,8 +10,10 @@ import math
 from pathlib import Path
 from typing import Protocol
 
+from imu_bench.bags.topic_info import meant, same_samples
 from imu_bench.counting import listed
 from imu_bench.errors import RecordingError
+from imu_bench.offline.recordings.companions import Thermometers
 from imu_bench.offline.recordings.delivery import Heard
 from imu_bench.samples import Samples
 import numpy as np
@@ -142,6 +144,7 @@ class Source:
     # the files of a text recording, several if they continue each other; empty for others
     files: tuple[Path, ...] = ()
     heard: Heard | None = None  # the diagnostics of a bag, once its messages have been read
+    thermometers: Thermometers | None = None  # the temperatures of a bag, likewise
     # what to say, beside a list of topics, on types that nothing is known of
     undefined: Callable[[], str] = str
     asked: set[str] = field(default_factory=set)  # topics that were selected by their names
@@ -158,12 +161,12 @@ class Source:
                 f'{self.path}: the recording is empty: no topic is stored in it{self.suspicion()}'
             )
         if names:
-            chosen = tuple(self._named(name) for name in names)
+            chosen = tuple(dict.fromkeys(self._named(name) for name in names))
             self.asked.update(topic.name for topic in chosen)
         else:
             stored = [topic for topic in self.topics if topic.is_imu and topic.count]
             raw = {topic.name for topic in stored}
-            chosen = tuple(topic for topic in stored if not _again(topic.name, raw))
+            chosen = tuple(topic for topic in stored if not same_samples(topic.name, raw))
             for left in sorted(raw - {topic.name for topic in chosen}):
                 words = f'{left} is left out: {left}_raw has the same samples; --topic takes it'
                 if words not in self.problems:
@@ -181,10 +184,14 @@ class Source:
         return topic if isinstance(topic, Topic) else self.select((topic,))[0]
 
     def _named(self, name: str) -> Topic:
+        found = meant(name, (topic.name for topic in self.topics if topic.is_imu))
+        if len(found) > 1:
+            several = listed(found, _LISTED)
+            raise RecordingError(f'{self.path}: {name!r} names several topics: {several}')
         for topic in self.topics:
-            if topic.name == name or topic.name == f'/{name}':
-                if topic.is_imu:
-                    return topic
+            if topic.is_imu and [topic.name] == found:
+                return topic
+            if topic.name.lstrip('/') == name.lstrip('/'):
                 raise RecordingError(
                     f'{self.path}: topic {name!r} holds {topic.type}, not Imu; {self._listing()}'
                 )
@@ -216,8 +223,3 @@ class Source:
 
     def __exit__(self, *exc_info: object) -> None:
         self.close()
-
-
-def _again(topic: str, there: Collection[str]) -> bool:
-    """Return whether a topic has the samples of another that is there, with the orientation."""
-    return topic.endswith('imu/data') and f'{topic}_raw' in there

@@ -279,15 +279,12 @@ def _prepare(
 
 
 def _measure(sealed: Sealed[Prepared], name: str, scratch: Path | None) -> Sealed[AxisResult]:
-    from imu_bench.offline.analysis.recording import measure
-
     ready = sealed.open()
     axis = next(axis for axis in ready.axes if axis.name == name)
-    arguments = (axis, ready.grid, ready.start_s, ready.settings)
     if scratch is None:
-        return Sealed(measure(*arguments))
+        return Sealed(ready.measure(axis))
     with workspace.borrowing(ArrayFolder(scratch).lend):
-        return Sealed(measure(*arguments))
+        return Sealed(ready.measure(axis))
 
 
 def _outcome(path: Path, future: Future[Outcome]) -> Outcome:

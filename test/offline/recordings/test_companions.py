@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from imu_bench.bags.topic_info import describe, OfferedQos
 from imu_bench.bags.writer import BagWriter
-from imu_bench.offline.recordings import load_all, open_source, ReadOptions
+from imu_bench.offline.recordings import cache, load_all, open_source, ReadOptions
 from imu_bench.offline.recordings.companions import companion
 from msg_conversions import cdr
 from msg_conversions.templates import ImuTemplate, Template
@@ -91,3 +91,18 @@ def test_of_text_it_is_in_the_table(tmp_path):
         [found] = load_all(source, source.select())
     assert companion(found, 'temperature').values[:, 0].tolist() == list(range(20, 30))
     assert companion(found, 'inclination') is None
+
+
+def test_the_cache_keeps_the_temperature(tmp_path, monkeypatch):
+    """And reading it costs no second pass over the bag."""
+    topics = {'/bench/a/imu/data_raw': (IMU, 0.0), '/bench/a/temperature': (TEMPERATURE, 20.0)}
+    bag = write(tmp_path / 'bag', topics)
+    monkeypatch.setattr(cache, 'LARGE', 1)
+    for _ in range(2):
+        with cache.columns(bag, ReadOptions(), keep=tmp_path / 'kept') as read:
+            [recording] = read.recordings
+            warm = companion(recording, 'temperature')
+            assert warm.values[:, 0].tolist() == list(range(20, 30))
+            assert warm.stamps.tolist() == STAMPS.tolist()
+            late = companion(replace(recording, stamp_source='receive'), 'temperature')
+            assert late.stamps.tolist() == (STAMPS + 5).tolist()

@@ -240,6 +240,31 @@ class TestWrongTopic:
             '/imu/data_raw (sensor_msgs/msg/Imu, 500), /text (std_msgs/msg/String, 1)'
         )
 
+    @pytest.mark.parametrize('name', ['imu', 'data_raw', 'imu/data_raw', '/imu/data_raw'])
+    def test_a_part_of_the_name_is_enough_where_it_is_of_one_topic(self, imu_bag, signals, name):
+        with open_source(imu_bag(*signals)) as source:
+            assert [topic.name for topic in source.select((name,))] == ['/imu/data_raw']
+
+    def test_a_part_of_several_names_is_refused_with_all_of_them(self, tmp_path, serialize):
+        from imu_bench.bags.topic_info import describe
+        from imu_bench.bags.writer import BagWriter
+
+        names = ['/b/chip/imu/data_raw', '/b/chip/imu/data', '/b/other/imu/data_raw']
+        with BagWriter(tmp_path / 'bag') as bag:
+            for name in names:
+                bag.add_topic(describe(name, 'sensor_msgs/msg/Imu'))
+                bag.write(name, START, serialize(START, (0.0, 0.0, 9.8), (0.0, 0.0, 0.0)))
+        with open_source(tmp_path / 'bag') as source:
+            assert [topic.name for topic in source.select(('chip',))] == [names[0]]
+            assert [topic.name for topic in source.select(('chip/imu/data',))] == [names[1]]
+            for short in ('b', 'imu', 'data_raw'):
+                several = f"'{short}' names several topics: {names[0]}, {names[2]}"
+                with pytest.raises(RecordingError, match=several):
+                    source.select((short,))
+            for nothing in ('chi', '/chip', 'chip/data_raw'):
+                with pytest.raises(RecordingError, match=f"no topic '{nothing}'"):
+                    source.select((nothing,))
+
     def test_a_topic_of_another_type_is_refused(self, imu_bag, signals):
         path = imu_bag(*signals)
         message = 'holds std_msgs/msg/String, not Imu'
