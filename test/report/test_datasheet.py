@@ -115,7 +115,7 @@ def test_the_temperature_coefficient_stands_beside_that_of_the_maker(warmed, cap
     )
     values = [float(number) for number in re.findall(r'([\d.]+) (?:±|\()', row)]
     assert values == [pytest.approx(0.2, rel=0.2)] * 3
-    assert 'Temperature 25.2 °C at the begin, 32.8 °C at the end' in said
+    assert 'Temperature 25.2 °C at the start, 32.8 °C at the end' in said
     page = words((warmed / 'r.html').read_text('utf-8'))
     assert 'Temperature coefficient mg/K' in page
     assert 'acceleration, temperature coefficient worse' in page

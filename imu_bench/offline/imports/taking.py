@@ -20,12 +20,12 @@ from imu_bench.errors import RecordingError
 from imu_bench.offline.imports.naming import is_from_bag
 from imu_bench.offline.recordings import ReadOptions, Recording
 from imu_bench.offline.recordings.cache import columns
-from imu_bench.offline.recordings.companions import belonging
 from imu_bench.offline.recordings.decoding import constant, decode_numbers
 from imu_bench.offline.recordings.gathering import Allocate, Gathered
 from imu_bench.offline.recordings.loading import Progress
 from imu_bench.offline.recordings.sifting import choose
 from imu_bench.offline.recordings.source import Chunk, IMU_TYPES, READABLE
+from imu_bench.offline.recordings.thermometers import belonging
 from imu_bench.offline.running.mapped import ArrayFolder
 from imu_bench.offline.running.pipeline import no_progress, Phase
 from imu_bench.samples import Samples

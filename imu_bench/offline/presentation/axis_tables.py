@@ -12,7 +12,7 @@ from imu_bench.offline.analysis.axis_result import AxisResult
 from imu_bench.offline.analysis.drift_models import METHODS as DRIFT_METHODS
 from imu_bench.offline.analysis.results import RecordingResult
 from imu_bench.offline.health import Health
-from imu_bench.offline.notation import date, duration, percent, short, unit_of
+from imu_bench.offline.notation import date, duration, percent, short, unit_of, value_text
 from imu_bench.offline.presentation.tables import Cell, Column, columns_of, Shown, Table
 from msg_conversions.quantities import IMU_QUANTITIES
 
@@ -231,11 +231,17 @@ def of_runs(recording: RecordingResult, names: Sequence[str]) -> Table:
             letters = ' / '.join(axis.letter for axis in max(groups, key=len))
             columns.append(Column(f'{quantity.sensor.capitalize()} {title} {letters}', unit))
             for row, found in zip(rows, seen, strict=True):
-                row.append(Shown(' / '.join(short(one.to(unit)) for one in found) or '–'))
+                row.append(Shown(' / '.join(_digits(one.to(unit)) for one in found) or '–'))
     columns.append(Column('Health'))
     for row, run in zip(rows, recording.runs, strict=True):
         row.append(health_of(run.health))
     return Table('Runs', tuple(columns), tuple(map(tuple, rows)))
+
+
+def _digits(found: Estimate) -> str:
+    """Return a value alone, to the digits that its uncertainty leaves."""
+    said = value_text(found)
+    return short(found) if said.startswith(('<', '(', '–')) else said.partition(' ')[0]
 
 
 def health_of(health: Health) -> Shown:

@@ -20,7 +20,6 @@ from imu_bench.offline.notation import (
     number,
     percent,
     rate_text,
-    text,
     unit_of,
     value_text,
 )
@@ -112,9 +111,10 @@ def _table(
         _row(axes, title, units[role], found, condition, verdicts)
         for title, role, found, condition in lines
     ]
+    verdict = 'Verdict on the simulation' if recording.simulated else 'Verdict'
     columns = (
         Column('Parameter'), *(Column(axis.letter) for axis in axes), Column('Unit'),
-        Column('Condition'), Column('Maker'), Column('Verdict'),
+        Column('Condition'), Column('Maker'), Column(verdict),
     )  # fmt: skip
     sources = dict.fromkeys(
         verdict.source for (axis, _), verdict in verdicts.items() if axis.startswith(quantity.name)
@@ -140,7 +140,8 @@ def _lines(
         yield name, term, [a.coefficient(term) for a in axes], condition
     if all(a.shows_constants and drawable(a) for a in axes):
         floors = [_floor(a) for a in axes]
-        at = ' / '.join(duration(tau) for tau, _ in floors)
+        times = [duration(tau) for tau, _ in floors]
+        at = ' / '.join(times if len(set(times)) > 1 else times[:1])
         yield 'In-run bias stability', 'B', [e for _, e in floors], f'lowest point, τ = {at}'
     if any(a.model.bandwidth for a in axes):
         none = Estimate.not_observable('Hz', 'the curve shows no filter')
@@ -215,10 +216,10 @@ def _provenance(
     if day := date(recording.start_ns):
         yield 'Recorded', day
     yield 'Duration', f'{duration(health.duration_s)}, {health.samples} samples'
-    yield 'Rate, jitter', f'{rate_text(health.rate)}, {text(health.jitter, "µs")}'
+    yield 'Rate, jitter', f'{rate_text(health.rate)}, {sentences.in_time_unit(health.jitter)}'
     if health.temperature:
         begin, end = health.temperature
-        yield 'Temperature', f'{begin:.1f} °C at the begin, {end:.1f} °C at the end'
+        yield 'Temperature', f'{begin:.1f} °C at the start, {end:.1f} °C at the end'
     yield 'Input', recording.source
     for run in recording.runs[:_MOST_FILES] or (recording,):
         yield from _sums(Path(run.source))

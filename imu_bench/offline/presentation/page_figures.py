@@ -173,11 +173,18 @@ def _histogram(chart: _Chart, figure: Figure, series: Series, colour: str, place
 
 
 def _marks(chart: _Chart, figure: Figure, series: Series, colour: str, place: _Place) -> None:
-    source = columns(x=series.x, y=series.y, words=list(series.words))
+    # beside the mark, on the side where the figure has room and the falling curve is not
+    first, last = (min(s.x[0] for s in figure.series), max(s.x[-1] for s in figure.series))
+    right = series.x > first ** (1.0 - _TURN) * last**_TURN
+    source = columns(
+        x=series.x, y=series.y, words=list(series.words),
+        align=['right' if turned else 'left' for turned in right],
+        beside=np.where(right, 4.0, 7.0),
+    )  # fmt: skip
     mark = _dots('inverted_triangle', 8, colour)
     words = glyph(
-        'Text', _AT | {'text': 'words'}, text_font_size='10px', text_color=FAINT,
-        text_align='center', y_offset=-6,
+        'Text', _AT | {'text': 'words', 'text_align': 'align', 'x_offset': 'beside'},
+        text_font_size='11px', text_color=INK, y_offset=-6,
     )  # fmt: skip
     chart.hover([chart.draw(mark, source, series.label)], [(series.name, '@words')])
     chart.draw(words, source)
@@ -246,8 +253,16 @@ def _name(chart: _Chart, categories: tuple[str, ...]) -> None:
     )
     chart.x_grid.set(visible=False)
     longest = max(map(len, categories))
-    if longest * len(categories) > 60:
-        chart.x_axis.set(major_label_orientation=0.7)
+    if longest * len(categories) > _LETTERS:
+        many = len(categories) > _UPRIGHT
+        chart.x_axis.set(major_label_orientation='vertical' if many else 0.7)
+
+
+_LETTERS, _UPRIGHT = 36, 12
+"""Of the names below an axis: letters that fit on a phone, names from which they stand upright."""
+
+_TURN = 0.6
+"""Share of a logarithmic axis behind which words stand to the left of their mark."""
 
 
 class _Chart:

@@ -102,7 +102,7 @@ def health_facts(health: Health) -> list[tuple[str, str]]:
         ('Duration', duration(health.duration_s)),
         ('Samples', count(health.samples, 'sample')),
         ('True rate', rate_text(health.rate)),
-        ('Jitter of intervals', _in_time_unit(health.jitter)),
+        ('Jitter of intervals', in_time_unit(health.jitter)),
         ('Missing', _missing(health)),
     ]
     if health.announced is not None:
@@ -125,7 +125,7 @@ def _missing(health: Health) -> str:
     )
 
 
-def _in_time_unit(estimate: Estimate) -> str:
+def in_time_unit(estimate: Estimate) -> str:
     if estimate.value is None:
         return value_text(estimate)
     if estimate.value < 1e-9:

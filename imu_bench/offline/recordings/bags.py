@@ -15,9 +15,9 @@ from imu_bench.bags.problems import INCOMPLETE, Problem
 from imu_bench.bags.ros1 import Ros1File
 from imu_bench.errors import NotReady, RecordingError
 from imu_bench.offline.recordings import definitions
-from imu_bench.offline.recordings.companions import Thermometers
 from imu_bench.offline.recordings.delivery import Heard, speaks
 from imu_bench.offline.recordings.source import Chunk, IMU_TYPES, READABLE, Source, Topic
+from imu_bench.offline.recordings.thermometers import Thermometers
 
 if TYPE_CHECKING:
     from imu_bench.offline.recordings.nested import Nested

@@ -16,12 +16,12 @@ from typing import Any
 
 from imu_bench.bags.problems import code_of, Problem
 from imu_bench.errors import RecordingError
-from imu_bench.offline.recordings.companions import Thermometer
 from imu_bench.offline.recordings.delivery import Delivery, Stretch
 from imu_bench.offline.recordings.discovery import siblings
 from imu_bench.offline.recordings.loading import load_all, Progress, Recording, stored_bytes
 from imu_bench.offline.recordings.opening import open_source
 from imu_bench.offline.recordings.source import ReadOptions
+from imu_bench.offline.recordings.thermometers import Thermometer
 from imu_bench.offline.running.mapped import ArrayFolder, attach, locate, Place
 from imu_bench.samples import Samples
 from imu_bench.version import __version__

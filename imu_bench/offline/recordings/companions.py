@@ -3,24 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from imu_bench.bags.bag import Bag, is_bag_folder, kind
-from imu_bench.bags.block import Block, Channel
-from msg_conversions import cdr
-from msg_conversions.quantities import BY_NAME, Quantity, TEMPERATURE
+from imu_bench.offline.recordings.loading import Recording
+from imu_bench.offline.recordings.thermometers import belonging, decoded, offered
+from msg_conversions.quantities import BY_NAME, TEMPERATURE
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from imu_bench.offline.recordings.loading import Recording
-
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
-
-_OWN = 'imu'
 
 
 class Companion(NamedTuple):
@@ -29,40 +23,6 @@ class Companion(NamedTuple):
     stamps: Integers
     values: Floats
     topic: str
-
-
-class Thermometer(NamedTuple):
-    """The temperatures beside an Imu topic of a bag, in °C, with both times of each."""
-
-    topic: str
-    stamps: Integers
-    receive_ns: Integers
-    celsius: Floats
-
-
-class Thermometers:
-    """The temperatures of a bag, gathered while something else is read from it."""
-
-    def __init__(self, channels: Iterable[Channel]) -> None:
-        self.topics = frozenset(_offered(channels, TEMPERATURE))
-        self._read: dict[str, list[tuple[Integers, Integers, Floats]]] = {}
-
-    def without(self, blocks: Iterable[Block]) -> Iterator[Block]:
-        """Yield blocks; those of temperatures are kept instead."""
-        self._read = {}
-        for block in blocks:
-            if block.channel.topic not in self.topics:
-                yield block
-            elif (found := _decoded(block, TEMPERATURE)) is not None:
-                self._read.setdefault(block.channel.topic, []).append(found)
-
-    def of(self, imu: str) -> Thermometer | None:
-        """Return the temperature that belongs to an Imu topic."""
-        topic = belonging(imu, sorted(self.topics), TEMPERATURE.name)
-        if topic is None or topic not in self._read:
-            return None
-        stamps, receive, values = map(np.concatenate, zip(*self._read[topic], strict=True))
-        return Thermometer(topic, stamps, receive, values[:, 0])
 
 
 def companion(recording: Recording, name: str) -> Companion | None:
@@ -93,10 +53,10 @@ def _beside(recording: Recording, name: str) -> Companion | None:
     quantity = BY_NAME[name]
     bag = Bag(path)
     try:
-        topic = belonging(recording.topic, _offered(bag.channels, quantity), name)
+        topic = belonging(recording.topic, offered(bag.channels, quantity), name)
         if topic is None:
             return None
-        found = [_decoded(block, quantity) for block in bag.blocks({topic})]
+        found = [decoded(block, quantity) for block in bag.blocks({topic})]
         parts = [part for part in found if part is not None]
         if not parts:
             return None
@@ -105,45 +65,6 @@ def _beside(recording: Recording, name: str) -> Companion | None:
         return _sound(when, values, topic)
     finally:
         bag.close()
-
-
-def _offered(channels: Iterable[Channel], quantity: Quantity) -> list[str]:
-    """Return the topics of the type of a quantity."""
-    return [
-        channel.topic
-        for channel in channels
-        if channel.type == quantity.message.type and channel.serialization == 'cdr'
-    ]
-
-
-def belonging(imu: str, offered: Sequence[str], name: str) -> str | None:
-    """Return the topic, among those of one type, that belongs to an Imu topic."""
-    parts = imu.strip('/').split('/')
-    space = parts[: parts.index(_OWN)] if _OWN in parts else parts[:-1]
-    if space:
-        prefix = '/' + '/'.join(space) + '/'
-        mine = [topic for topic in offered if topic.startswith(prefix)]
-    else:
-        mine = list(offered) if len(offered) == 1 else []
-    # an inclinometer may stamp other vectors, too
-    named = [topic for topic in mine if topic.rpartition('/')[2] == name]
-    if named:
-        return named[0]
-    return mine[0] if len(mine) == 1 and name != 'inclination' else None
-
-
-def _decoded(block: Block, quantity: Quantity) -> tuple[Integers, Integers, Floats] | None:
-    """Return stamps, times of arrival and values of a block; None of a damaged one."""
-    if not len(block):
-        return None
-    try:
-        stamps, columns, _ = cdr.decode_at(
-            block.buffer, block.offsets, block.sizes, quantity.message.numbers,
-            (quantity.values,),
-        )  # fmt: skip
-    except ValueError:  # what is left is enough for a slow quantity
-        return None
-    return stamps, block.receive_ns, columns[0]
 
 
 def _sound(when: Integers, what: Floats, topic: str) -> Companion | None:

@@ -21,11 +21,11 @@ from imu_bench.counting import listed
 from imu_bench.errors import RecordingError
 from imu_bench.offline import stages
 from imu_bench.offline.recordings import simulated
-from imu_bench.offline.recordings.companions import Thermometer
 from imu_bench.offline.recordings.delivery import Delivery
 from imu_bench.offline.recordings.gathering import Allocate, Gathered
 from imu_bench.offline.recordings.sifting import check_span, choose, OUTER, sift
 from imu_bench.offline.recordings.source import Covariance, Source, Topic
+from imu_bench.offline.recordings.thermometers import Thermometer
 from imu_bench.samples import Samples
 from msg_conversions.quantities import BY_FIELD
 import numpy as np

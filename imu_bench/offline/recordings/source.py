@@ -13,8 +13,8 @@ from typing import Protocol
 from imu_bench.bags.topic_info import meant, same_samples
 from imu_bench.counting import listed
 from imu_bench.errors import RecordingError
-from imu_bench.offline.recordings.companions import Thermometers
 from imu_bench.offline.recordings.delivery import Heard
+from imu_bench.offline.recordings.thermometers import Thermometers
 from imu_bench.samples import Samples
 import numpy as np
 import numpy.typing as npt
