@@ -66,16 +66,28 @@ class NotImportable(pytest.File):
         refuse(self.reason)
 
 
+def stand_in(path, parent):
+    """Return what stands in for a file that imports what is not here; None if it does not."""
+    reason = missing_for(path.read_text(encoding='utf-8'))
+    if not reason:
+        return None
+    instead = NotImportable.from_parent(parent, path=path)
+    instead.reason = reason
+    return instead
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pycollect_makemodule(module_path, parent):
+    """Be asked before the plugin of launch_testing, which imports every file of tests."""
+    return stand_in(module_path, parent)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collect_file(file_path, parent):
     """Stand in for files that import what is not here, be they tests or examples."""
     collected = yield
-    reason = missing_for(file_path.read_text(encoding='utf-8')) if collected else ''
-    if reason:
-        instead = NotImportable.from_parent(parent, path=file_path)
-        instead.reason = reason
-        return [instead]
-    return collected
+    instead = stand_in(file_path, parent) if collected else None
+    return [instead] if instead else collected
 
 
 def pytest_runtest_setup(item):

@@ -161,8 +161,22 @@ def test_no_two_test_files_share_a_name():
     assert sorted(names) == sorted(set(names))
 
 
-def test_without_a_library_its_tests_are_skipped_with_its_name_and_fail_in_ci(tmp_path):
+LAUNCH_TESTING = """
+from _pytest.pathlib import import_path
+import pytest
+def pytest_pycollect_makemodule(module_path, parent):
+    newer = tuple(map(int, pytest.__version__.split('.')[:2])) >= (8, 1)
+    options = {'consider_namespace_packages': False} if newer else {}
+    module = import_path(module_path, root=parent.config.rootpath, **options)
+    assert not hasattr(module, 'generate_test_description')
+"""
+"""What launch_testing/pytest/hooks.py of ros2/launch does to each file of tests: it imports it."""
+
+
+@pytest.mark.parametrize('plugin', ['', LAUNCH_TESTING], ids=['alone', 'launch_testing'])
+def test_without_a_library_its_tests_are_skipped_with_its_name_and_fail_in_ci(tmp_path, plugin):
     shutil.copy(ROOT / 'conftest.py', tmp_path)
+    (tmp_path / 'like_launch_testing.py').write_text(plugin)
     (tmp_path / 'test_whole.py').write_text('import allantools\n\ndef test_a(): pass\n')
     (tmp_path / 'test_part.py').write_text('def test_b():\n    import lz4\n')
     program = (
@@ -174,7 +188,8 @@ def test_without_a_library_its_tests_are_skipped_with_its_name_and_fail_in_ci(tm
         'real = importlib.util.find_spec\n'
         'importlib.util.find_spec = lambda n, p=None: None if n in gone else real(n, p)\n'
         'sys.meta_path.insert(0, No())\n'
-        'sys.exit(pytest.main(["-q", "-rs", "-p", "no:cacheprovider"]))\n'
+        'plugins = "no:cacheprovider", "like_launch_testing"\n'
+        'sys.exit(pytest.main(["-q", "-rs", *(f"-p{name}" for name in plugins)]))\n'
     )
 
     def run(**more):
