@@ -60,6 +60,7 @@ setup(
     ],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
+        'ros-kilted': ['ros-kilted-rclpy[fastrtps]==9.1.2', 'ros-kilted-common-interfaces==5.5.1'],
         'docs': DOCS,
         'figures': ['matplotlib>=3.8'],
         'notebook': ['pandas>=2.0', 'xarray>=2023.6', 'matplotlib>=3.8'],

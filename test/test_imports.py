@@ -187,7 +187,10 @@ def test_a_new_room_needs_a_layer(tree):
     assert 'attic' in result.stdout
 
 
-LIBRARIES_OF_SOME = ('sys_platform', "extra == 'ros'", "extra == 'daqhats'", "extra == 'test'")
+LIBRARIES_OF_SOME = (
+    'sys_platform',
+    *(f"extra == '{extra}'" for extra in ('ros', 'ros-kilted', 'daqhats', 'test')),
+)
 
 
 def plain(requirement):

@@ -74,6 +74,32 @@ def test_run_says_which_python_it_takes_and_why(tmp_path, named):
     assert ('passed over: python3 (Python 3.8.1)' in done.stderr) == (not named)
 
 
+@pytest.mark.parametrize(
+    ('words', 'sourced', 'said'),
+    [
+        (('--ros', 'humble'), '', '--ros humble: there are wheels of jazzy and kilted'),
+        (('--ros',), '', 'there are wheels of'),
+        (('--ros', 'kilted'), 'lyrical', 'lyrical is sourced here; leave it out'),
+    ],
+)
+def test_run_says_which_ros_it_can_have(words, sourced, said):
+    own = {key: value for key, value in os.environ.items() if key != 'ROS_DISTRO'}
+    done = subprocess.run(
+        [ROOT / 'run', 'test', *words], capture_output=True, text=True,
+        env=own | ({'ROS_DISTRO': sourced} if sourced else {}), check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert said in done.stderr
+
+
+def test_every_distribution_that_run_offers_has_its_wheels():
+    run, setup = ((ROOT / name).read_text(encoding='utf-8') for name in ('run', 'setup.py'))
+    offered = re.findall(r'(\w+)\) venv=\.venv-\1 extra=(\S+) ;;', run)
+    assert offered
+    for name, extra in offered:
+        assert f"'{extra}': ['ros-{name}-rclpy[fastrtps]==" in setup
+
+
 def test_every_source_file_names_its_licence():
     folders = ('imu_bench', 'msg_conversions', 'test', 'benchmarks', 'launch')
     files = [path for folder in folders for path in (ROOT / folder).rglob('*.py')]
