@@ -146,7 +146,7 @@ ELSEWHERE = re.compile(
     r'^(demo|record|doctor)|--scheduler|_hardware|--recorded'  # sensors, a cluster, minutes
     # recordings that others made: those of the tests of each plan
     r'|ferraris|imu\?\.log|imu0\.log|skyscrapper|bearing|old_ros1|Accelerometer\.csv|--datasheet'
-    r'|BAG|monday/'
+    r'|BAG|monday/|ride_up|analyze first'
 )
 """Commands that are read only: what they need is not in an empty folder."""
 

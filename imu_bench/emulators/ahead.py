@@ -41,11 +41,12 @@ class Stateful(Protocol):
     """All it remembers; never changed in place."""
 
 
-class Due(NamedTuple, Generic[_Rows]):
+class Due(NamedTuple):
     """Samples whose time has come: those from `first` to before `last` of a block."""
 
     samples: Samples  # of the whole block
-    rows: _Rows  # what was made of them, of the whole block
+    # what was made of them, of the whole block: before Python 3.11 no NamedTuple is generic
+    rows: Any
     first: int
     last: int
 
@@ -92,7 +93,7 @@ class Ahead(Generic[_Rows]):
         self._samples, self._rows, self._taken = samples, None, 0
         self._times = samples.stamps.tolist()
 
-    def until(self, to_ns: int) -> Iterator[Due[_Rows]]:
+    def until(self, to_ns: int) -> Iterator[Due]:
         """Yield what is due, block by block."""
         while True:
             if self._taken == len(self._times):

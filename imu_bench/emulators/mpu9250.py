@@ -108,7 +108,7 @@ class Mpu9250Chip(SamplingChip):
         }
         return rows_of(np.frombuffer(_DATA.pack(words, n), np.uint8).reshape(n, -1))
 
-    def _take(self, due: Due[list[bytes]]) -> None:
+    def _take(self, due: Due) -> None:
         samples, rows, first, last = due
         memory = self.memory
         if samples.magnetic_field is not None:

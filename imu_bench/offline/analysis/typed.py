@@ -52,7 +52,9 @@ def _fields(kind: Any) -> dict[str, Any]:
 
 def _check(value: Any, kind: Any, where: str) -> None:
     origin, parts = get_origin(kind), get_args(kind)
-    if origin in (Union, UnionType):  # of something and None, nothing else
+    if hasattr(origin, '__value__'):  # numpy 2.5 names its NDArray with PEP 695
+        _check(value, origin.__value__[parts], where)
+    elif origin in (Union, UnionType):  # of something and None, nothing else
         if value is not None:
             _check(value, next(part for part in parts if part is not NoneType), where)
     elif origin is np.ndarray:
