@@ -1,12 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python docs/pictures.py` draws the pictures of the pages anew, into docs/images."""
+"""
+`python docs/pictures.py` draws the pictures of the pages anew, into docs/images.
+
+That of the report is the first screen of what these commands make, taken by Chromium:
+
+    imu-bench simulate machine_vibration --duration 20min -o six
+    imu-bench analyze six --html report.html
+"""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
+import shutil
+import subprocess
+from tempfile import TemporaryDirectory
 
 import imu_bench as ib
+from imu_bench.cli.main import main
 from imu_bench.simulation.noise import Flicker, RandomWalk, White
 from matplotlib.figure import Figure
 import numpy as np
@@ -49,5 +60,25 @@ def allan_deviation() -> Figure:
     return figure
 
 
+def report(target: Path, browser: str) -> None:
+    """Write the first screen of the report on six simulated sensors as a browser shows it."""
+    with TemporaryDirectory() as folder:
+        bag, page = Path(folder, 'six'), Path(folder, 'report.html')
+        commands = (
+            ('simulate', 'machine_vibration', '--duration', '20min', '-o', str(bag)),
+            ('analyze', str(bag), '--html', str(page)),
+        )
+        for command in commands:
+            if main(list(command)) != 0:
+                raise SystemExit(f'imu-bench {" ".join(command)} failed')
+        options = ('--headless', '--no-sandbox', '--hide-scrollbars', '--window-size=1180,1000')
+        shot = (browser, *options, f'--screenshot={target}', page.as_uri())
+        subprocess.run(shot, check=True, timeout=60.0)
+
+
 if __name__ == '__main__':
+    chromium = shutil.which('chromium') or shutil.which('google-chrome')
+    if chromium is None:
+        raise SystemExit('the picture of the report needs chromium: apt install chromium')
+    report(IMAGES / 'report.png', chromium)
     allan_deviation().savefig(IMAGES / 'allan_deviation.png', metadata={'Software': None})

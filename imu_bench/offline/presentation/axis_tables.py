@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+import math
+from statistics import median
 
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.noise_model import TERM_NAMES
@@ -12,7 +14,7 @@ from imu_bench.offline.analysis.axis_result import AxisResult
 from imu_bench.offline.analysis.drift_models import METHODS as DRIFT_METHODS
 from imu_bench.offline.analysis.results import RecordingResult
 from imu_bench.offline.health import Health
-from imu_bench.offline.notation import date, duration, percent, short, unit_of, value_text
+from imu_bench.offline.notation import date, duration, percent, short, unit_of
 from imu_bench.offline.presentation.tables import Cell, Column, columns_of, Shown, Table
 from msg_conversions.quantities import IMU_QUANTITIES
 
@@ -230,18 +232,25 @@ def of_runs(recording: RecordingResult, names: Sequence[str]) -> Table:
             unit = unit_of([one for found in seen for one in found], role)
             letters = ' / '.join(axis.letter for axis in max(groups, key=len))
             columns.append(Column(f'{quantity.sensor.capitalize()} {title} {letters}', unit))
+            places = _decimals([one.to(unit) for found in seen for one in found])
             for row, found in zip(rows, seen, strict=True):
-                row.append(Shown(' / '.join(_digits(one.to(unit)) for one in found) or '–'))
+                shown = [
+                    short(one) if one.value is None or title == 'noise'
+                    else f'{one.value:.{places}f}'
+                    for one in (each.to(unit) for each in found)
+                ]  # fmt: skip
+                row.append(Shown(' / '.join(shown) or '–'))
     columns.append(Column('Health'))
     for row, run in zip(rows, recording.runs, strict=True):
         row.append(health_of(run.health))
     return Table('Runs', tuple(columns), tuple(map(tuple, rows)))
 
 
-def _digits(found: Estimate) -> str:
-    """Return a value alone, to the digits that its uncertainty leaves."""
-    said = value_text(found)
-    return short(found) if said.startswith(('<', '(', '–')) else said.partition(' ')[0]
+def _decimals(found: Sequence[Estimate]) -> int:
+    """Return the decimals that the uncertainty of most of these leaves."""
+    halves = [0.5 * (e.high - e.low) for e in found if e.low is not None and e.high is not None]
+    middle = median(halves) if halves else 0.0
+    return max(0, -math.floor(math.log10(middle))) if middle > 0.0 else 3
 
 
 def health_of(health: Health) -> Shown:
