@@ -15,6 +15,8 @@ OPTIONAL = {
 }  # fmt: skip
 """What only part of the tests needs and rosdep does not bring everywhere (docs/workspace.md)."""
 
+NEEDS = 'needs {}, which is not installed'
+
 IMPORTED = re.compile(r'(?m)^(?:from|import) (\w+)')
 
 OF_ROS = (
@@ -52,7 +54,7 @@ def missing_for(text):
     """Return why a file of tests or examples cannot be imported; empty if it can."""
     for library in sorted(OPTIONAL.intersection(IMPORTED.findall(text))):
         if missing(library):
-            return f'needs {library}, which is not installed'
+            return NEEDS.format(library)
     return missing_ros() if re.search(OF_ROS, text) else ''
 
 
@@ -66,44 +68,74 @@ class NotImportable(pytest.File):
         refuse(self.reason)
 
 
-def stand_in(path, parent):
-    """Return what stands in for a file that imports what is not here; None if it does not."""
-    reason = missing_for(path.read_text(encoding='utf-8'))
-    if not reason:
-        return None
+def lacking(error):
+    """Return which library an error is about that is not here; empty for other errors."""
+    absent = error if isinstance(error, ModuleNotFoundError) else error.__cause__
+    name = (getattr(absent, 'name', None) or '').partition('.')[0]
+    if isinstance(absent, ModuleNotFoundError) and name in OPTIONAL and missing(name):
+        return NEEDS.format(name)
+    return ''
+
+
+def stand_in(reason, path, parent):
+    """Return what stands in for a file that cannot be imported."""
     instead = NotImportable.from_parent(parent, path=path)
     instead.reason = reason
     return instead
 
 
-@pytest.hookimpl(tryfirst=True)
+@pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_pycollect_makemodule(module_path, parent):
-    """Be asked before the plugin of launch_testing, which imports every file of tests."""
-    return stand_in(module_path, parent)
+    """Be there when the plugin of launch_testing imports every file of tests."""
+    try:
+        return (yield)
+    except ImportError as error:
+        reason = missing_for(module_path.read_text(encoding='utf-8')) or lacking(error)
+        if not reason:
+            raise
+        return stand_in(reason, module_path, parent)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    """Skip a file that needs, by way of ours, a library that is not here; in CI it fails."""
+    report = yield
+    names = re.findall(r"No module named '(\w+)", str(report.longrepr)) if report.failed else ()
+    absent = [name for name in names if name in OPTIONAL and missing(name)]
+    if absent and not os.environ.get('CI'):
+        report.outcome = 'skipped'
+        report.longrepr = (str(collector.path), None, f'Skipped: {NEEDS.format(absent[0])}')
+    return report
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collect_file(file_path, parent):
     """Stand in for files that import what is not here, be they tests or examples."""
     collected = yield
-    instead = stand_in(file_path, parent) if collected else None
-    return [instead] if instead else collected
+    reason = missing_for(file_path.read_text(encoding='utf-8')) if collected else ''
+    return [stand_in(reason, file_path, parent)] if reason else collected
 
 
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item):
     """Stand in for tests that start nodes."""
     if item.get_closest_marker('ros') and missing_ros():
         refuse(missing_ros())
+    return (yield from skipping())
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item):
     """Skip a test that comes upon a library that is not here."""
+    return (yield from skipping())
+
+
+def skipping():
+    """Skip what comes upon a library that is not here; in CI it fails."""
     try:
         return (yield)
     except Exception as error:
-        absent = error if isinstance(error, ModuleNotFoundError) else error.__cause__
-        name = (getattr(absent, 'name', None) or '').partition('.')[0]
-        if name in OPTIONAL and missing(name) and not os.environ.get('CI'):
-            pytest.skip(f'needs {name}, which is not installed')
+        reason = lacking(error)
+        if reason and not os.environ.get('CI'):
+            pytest.skip(reason)
         raise

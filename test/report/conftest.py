@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Python part of Bokeh reads our figures: it knows every name and every kind of value."""
 
-from bokeh.core.serialization import Deserializer
-from bokeh.model import Model
-import bokeh.models
-import bokeh.plotting  # noqa: F401, figures are known once it is imported
-from imu_bench.offline.presentation.bokeh_models import document
 from imu_bench.offline.recordings import Recording
 import pytest
 
 
 def read(figure):
     """Return Bokeh's own object of a figure; raise for what Bokeh does not know."""
+    from bokeh.core.serialization import Deserializer
+    import bokeh.models
+    import bokeh.plotting  # noqa: F401, figures are known once it is imported
+    from imu_bench.offline.presentation.bokeh_models import document
+
     roots = document(figure, 'p')[1]
     check_settings(roots)
     return Deserializer().deserialize(roots)[0]
@@ -19,6 +19,8 @@ def read(figure):
 
 def check_settings(encoded):
     """Raise for a setting that Bokeh's reader would leave out with a warning in its log."""
+    from bokeh.model import Model
+
     if isinstance(encoded, list):
         for item in encoded:
             check_settings(item)

@@ -9,7 +9,7 @@ from imu_bench.simulation.flicker_filter import correlation_times, flicker_filte
 from imu_bench.simulation.noise import Flicker, Quantisation, RandomWalk, White
 import numpy as np
 import pytest
-from scipy.signal import freqz_sos
+from scipy.signal import sosfreqz
 
 PROCESSES = (White, Flicker, RandomWalk, Quantisation)
 PERIODS = (300.0, 10.0, 0.1, 2.5e-3, 1e-3, 1 / 1344, 1e-4)
@@ -60,7 +60,7 @@ def test_the_floor_is_flat_by_the_formula_and_not_only_by_simulation(period_s):
 @pytest.mark.parametrize('period_s', PERIODS)
 def test_the_filter_has_the_spectrum_of_the_sum_of_the_processes(period_s):
     angle = np.geomspace(1e-9, 0.999 * np.pi, 80)
-    _, response = freqz_sos(flicker_filter(period_s).sections, angle)
+    _, response = sosfreqz(flicker_filter(period_s).sections, angle)
     ratio = period_s / correlation_times(period_s)[:, None]
     # a first-order process of unit variance: (1 - a²) / |1 - a e^(-jw)|²
     gap = -np.expm1(-ratio)

@@ -11,7 +11,6 @@ from imu_bench.bags.topic_info import describe, OfferedQos
 from imu_bench.bags.writer import BagWriter
 import numpy as np
 import pytest
-from rosbags.typesys import get_typestore, Stores
 
 IMU = 'sensor_msgs/msg/Imu'
 START = 1_700_000_000_000_000_000
@@ -19,6 +18,8 @@ START = 1_700_000_000_000_000_000
 
 @cache
 def _store(name: str):
+    from rosbags.typesys import get_typestore, Stores
+
     return get_typestore(Stores[name])
 
 
