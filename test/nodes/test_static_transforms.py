@@ -12,6 +12,7 @@ from types import ModuleType
 
 from geometry_msgs.msg import TransformStamped
 from imu_bench.nodes.discovery import message_class
+from imu_bench.nodes.recorder import RecorderNode
 from imu_bench.nodes.sensor import SensorNode
 from msg_conversions.transforms import TF_STATIC, TF_TYPE
 import pytest
@@ -78,3 +79,16 @@ def test_without_tf2_msgs_a_sensor_runs_and_says_so(ros, monkeypatch):
     sensor = ros.add(SensorNode, 'left', parameters=SENSOR | PLACE)
     ros.spin_until(lambda: 'no /tf_static: tf2_msgs is not installed here' in said)
     assert sensor.acquisition is not None
+
+
+@pytest.mark.parametrize('more', [{}, {'sensors': ['/bench/left']}, {'all_topics': True}])
+def test_a_recorder_takes_it(ros, tmp_path, more):
+    node = ros.add(RecorderNode, parameters={'output': str(tmp_path / 'bag')} | more)
+    assert node._wants(TF_STATIC)
+    assert node._types[TF_STATIC] == TF_TYPE
+
+
+def test_a_recorder_of_chosen_topics_takes_those_alone(ros, tmp_path):
+    topics = ['/bench/left/imu/data_raw']
+    node = ros.add(RecorderNode, parameters={'output': str(tmp_path / 'b'), 'topics': topics})
+    assert not node._wants(TF_STATIC)
