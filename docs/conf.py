@@ -3,10 +3,13 @@
 
 from importlib.util import find_spec
 from pathlib import Path
+import re
 import sys
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent)]  # what is described is the checkout
+# rosdoc2 copies this folder, and has a conf.py there that opens this one
+_copied = re.search(r'open\("(.+)/docs/conf\.py"\)', Path(__file__).read_text('utf-8'))
+sys.path[:0] = [str(HERE), _copied[1] if _copied else str(HERE.parent)]
 
 from imu_bench import __version__  # noqa: E402
 from reference import write_pages  # noqa: E402
@@ -25,7 +28,15 @@ myst_heading_anchors = 3
 numpydoc_show_class_members = False
 autodoc_typehints = 'none'  # the docstrings say it with shapes and units
 autodoc_member_order = 'bysource'
-exclude_patterns = ['_build', 'man', 'images']
+# what rosdoc2 puts beside the pages is a list of every module: the reference has what is stable
+exclude_patterns = [
+    '_build',
+    'man',
+    'images',
+    'modules.rst',
+    'imu_bench*.rst',
+    'msg_conversions*.rst',
+]
 smartquotes = False  # --options are no dashes
 html_theme = 'sphinx_rtd_theme'
 html_theme_options = {'navigation_depth': 2, 'collapse_navigation': False}

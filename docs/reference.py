@@ -32,7 +32,7 @@ DOCS = Path(__file__).resolve().parent
 MAN = DOCS / 'man' / 'imu-bench.1'
 PAGES = DOCS / 'generated'
 
-RESULTS = DOCS.parent / 'test' / 'golden' / 'expected'
+RESULTS = Path(imu_bench.__file__).resolve().parents[1] / 'test' / 'golden' / 'expected'
 """What the tests hold against what is computed anew: documents with all there is in one."""
 
 FIELDS = (
@@ -194,7 +194,9 @@ def document_page() -> str:
         '`recordings[]`, too. Within a major version nothing is taken away.'
     )
     parts = ['# JSON documents', said]
-    known = {path.replace('recordings[]', 'values.SENSOR') for path in rows[results.SCHEMA]}
+    known = {
+        path.replace('recordings[]', 'values.SENSOR') for path in rows.get(results.SCHEMA, ())
+    }
     for schema, paths in sorted(rows.items()):
         table = [
             (f'`{path}`', ' or '.join(sorted(kinds)), meanings.get(path.rpartition('.')[2], ''))
