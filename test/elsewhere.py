@@ -16,7 +16,7 @@ MODULES = (
 )  # fmt: skip
 
 CALLS = (
-    'copy_file_range', 'eventfd', 'geteuid', 'getuid', 'memfd_create', 'posix_fadvise',
+    'copy_file_range', 'eventfd', 'memfd_create', 'posix_fadvise',
     'posix_fallocate', 'sched_getaffinity', 'sched_setscheduler', 'setpriority',
 )  # fmt: skip
 
