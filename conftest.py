@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What needs ROS 2 or a library that is not here is skipped and says so; with CI=true it fails."""
 
+from collections import defaultdict
 from functools import cache
 from importlib.util import find_spec
 import os
 import re
 import warnings
+import zlib
 
 import pytest
 
@@ -114,6 +116,25 @@ def pytest_collect_file(file_path, parent):
     collected = yield
     reason = missing_for(file_path.read_text(encoding='utf-8')) if collected else ''
     return [stand_in(reason, file_path, parent)] if reason else collected
+
+
+def pytest_addoption(parser):
+    """Let ``./run test --quick`` choose."""
+    words = 'of each test with many cases one alone, chosen by its name: some of every kind'
+    parser.addoption('--one-case', action='store_true', help=words)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config, items):
+    """Keep one case of each test, the same in every worker, if that is asked for."""
+    if not config.getoption('--one-case'):
+        return
+    cases = defaultdict(list)
+    for item in items:
+        cases[item.nodeid.partition('[')[0]].append(item)
+    kept = {id(own[zlib.crc32(name.encode()) % len(own)]) for name, own in cases.items()}
+    config.hook.pytest_deselected(items=[item for item in items if id(item) not in kept])
+    items[:] = [item for item in items if id(item) in kept]
 
 
 @pytest.hookimpl(wrapper=True)

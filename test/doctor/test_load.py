@@ -54,7 +54,7 @@ def wire_of(sensors, timing):
     return Wire('i2c-1', 'i2c', 9e9 / timing.byte_ns, '', named, dict.fromkeys(named, timing))
 
 
-def emulated_bench(sensors, timing, settling_s=5, measured_s=15):
+def emulated_bench(sensors, timing, settling_s=3, measured_s=8):
     """Return rates and share of bus time of chips on one line that takes its time."""
     clock = SimulatedClock()
     line = Line(clock, timing)
