@@ -34,6 +34,7 @@ def result(tmp_path_factory):
     return ib.analyze(write(folder, 'quiet', 1.0), write(folder, 'loud', 3.0), reference='quiet')
 
 
+@pytest.mark.slow
 def test_every_number_is_that_of_the_json_document(result):
     document = json.loads(json.dumps(result.to_json()))
     assert len(result) == len(document['recordings']) == 2
@@ -52,6 +53,7 @@ def test_every_number_is_that_of_the_json_document(result):
             assert found.oadev.tau.tolist() == axis['allan']['tau']
 
 
+@pytest.mark.slow
 def test_tables_hold_the_same_numbers(result):
     rows = result.to_pandas()
     numbers = result.to_xarray()
@@ -79,6 +81,7 @@ def test_a_sensor_is_found_by_label_and_place(result):
         _ = result['quiet'].gyro.w
 
 
+@pytest.mark.slow
 def test_it_shows_itself(result):
     page = result._repr_html_()
     assert page.count('<tr>') == 1 + 2 * 6

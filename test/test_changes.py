@@ -123,6 +123,7 @@ def recording(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_plan(house, recording):
     house.add('offline/plans/loudness/__init__.py', PLAN)
     page = house.folder / 'page.html'
@@ -131,6 +132,7 @@ def test_a_plan(house, recording):
     assert 'Loudness' in page.read_text('utf-8')
 
 
+@pytest.mark.slow
 def test_a_metric_of_the_report(house, recording):
     house.change(
         'offline/analysis/axis_result.py',
@@ -151,6 +153,7 @@ def test_a_metric_of_the_report(house, recording):
     assert 'Crest' in page.read_text('utf-8')
 
 
+@pytest.mark.slow
 def test_a_file_format(house, tmp_path):
     house.add('offline/recordings/gyro_text.py', FORMAT)
     house.change(
@@ -169,6 +172,7 @@ def test_a_file_format(house, tmp_path):
     assert axes['angular_velocity.z']['std']['value'] == pytest.approx(1e-3, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_plot(house, recording):
     house.change(
         'offline/presentation/analysis_figures.py',
@@ -184,6 +188,7 @@ def test_a_plot(house, recording):
     assert 'Angular velocity: ends' in page.read_text('utf-8')
 
 
+@pytest.mark.slow
 def test_a_default_for_confidence(house, recording):
     house.change('metrology/estimate.py', 'CONFIDENCE = 0.95\n', 'CONFIDENCE = 0.9\n')
     result = house.folder / 'result.json'

@@ -55,6 +55,7 @@ def test_a_wrong_truth_is_noticed():
     assert not any(one.inside for one in checks)
 
 
+@pytest.mark.slow
 def test_what_is_defined_depends_on_the_sensor():
     def parameters(**errors):
         source = source_of(**errors)

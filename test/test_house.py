@@ -4,6 +4,8 @@
 from importlib import util
 from pathlib import Path
 
+import pytest
+
 SPEC = util.spec_from_file_location('house', Path(__file__).with_name('house.py'))
 house = util.module_from_spec(SPEC)
 SPEC.loader.exec_module(house)
@@ -59,8 +61,12 @@ def test_names_that_are_imported_are_not_written_twice(tmp_path):
     assert house.written_twice(files) == []
 
 
-def test_the_offline_rooms_stand_in_no_circle():
-    modules = house.imports(house.files())
+@pytest.fixture(scope='module')
+def modules():
+    return house.imports(house.files())
+
+
+def test_the_offline_rooms_stand_in_no_circle(modules):
     rooms = {name: targets for name, targets in modules.items() if '.offline.' in name}
     assert house.circles({n: t & rooms.keys() for n, t in rooms.items()}) == []
 
@@ -70,5 +76,5 @@ def test_the_diagram_of_the_architecture_is_that_of_the_code():
     assert house.diagram() in page, 'put in what `python test/house.py --diagram` prints'
 
 
-def test_no_module_imports_itself_by_way_of_others():
-    assert house.circles(house.imports(house.files())) == []
+def test_no_module_imports_itself_by_way_of_others(modules):
+    assert house.circles(modules) == []

@@ -166,6 +166,7 @@ def test_every_contract_is_broken_below():
     assert re.findall('^name = "(.+)"$', text, re.MULTILINE) == list(OFFENCES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', OFFENCES)
 def test_a_contract_can_fail(offended, name):
     assert offended.returncode == 1
@@ -179,6 +180,7 @@ def test_a_contract_can_fail(offended, name):
     assert not missed
 
 
+@pytest.mark.slow
 def test_a_new_room_needs_a_layer(tree):
     (tree / 'imu_bench' / 'attic.py').write_text('', encoding='utf-8')
     result = check_contracts(tree)
@@ -205,6 +207,7 @@ def required(distribution):
         return []
 
 
+@pytest.mark.slow
 def test_what_not_everybody_has_is_protected():
     """Libraries for Linux alone are hardware; whatever nobody declares comes with ROS."""
     declared = [
@@ -286,6 +289,7 @@ def write_out(tree):
         add_imports(tree, [(module, name) for name in names])
 
 
+@pytest.mark.slow
 def test_imports_by_name_hold_the_contracts(tree):
     named = imports_by_name(tree)
     assert 'rclpy' in named['imu_bench/nodes/spinning.py']
@@ -303,6 +307,7 @@ BY_NAME = {
 """By contract an import that the contracts do not see."""
 
 
+@pytest.mark.slow
 def test_an_import_by_name_can_break_a_contract(tree):
     for module, imported in BY_NAME.values():
         with file_of(tree, module).open('a', encoding='utf-8') as file:
@@ -317,12 +322,14 @@ def test_an_import_by_name_can_break_a_contract(tree):
 # --- imports without ROS or hardware --------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('package', ['imu_bench.offline', 'imu_bench.metrology', 'imu_bench.cli'])
 def test_offline_side_imports_on_a_laptop(package):
     result = import_without(ROS + HARDWARE, [package])
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.slow
 def test_drivers_and_emulators_import_without_hardware_libraries():
     packages = ['imu_bench.drivers', 'imu_bench.emulators', 'imu_bench.simulation']
     result = import_without(ROS + HARDWARE, packages)

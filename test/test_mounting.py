@@ -139,6 +139,7 @@ def held(bag):
     assert (left.rotation.z, left.rotation.w) == pytest.approx((0.5**0.5, 0.5**0.5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_simulated_bags_say_it_and_are_analysed(bench_file, run_cli, tmp_path, storage):
     bag = tmp_path / 'bag'

@@ -167,12 +167,14 @@ def native(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_analysis_needs_no_optional_package(with_the_keys_alone, native, tmp_path):
     done = with_the_keys_alone('analyze', native, '--json', tmp_path / 'results.json')
     assert (done.returncode, done.stderr) == (0, ''), done.stdout
     assert (tmp_path / 'results.json').is_file()
 
 
+@pytest.mark.slow
 def test_who_needs_an_optional_package_is_told_in_one_line(with_the_keys_alone, native, tmp_path):
     done = with_the_keys_alone('analyze', native, '--html', tmp_path / 'report.html')
     assert done.returncode == 1
@@ -199,6 +201,7 @@ def pytest_pycollect_makemodule(module_path, parent):
 """What launch_testing/pytest/hooks.py of ros2/launch does to each file of tests: it imports it."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('plugin', ['', LAUNCH_TESTING], ids=['alone', 'launch_testing'])
 def test_without_a_library_its_tests_are_skipped_with_its_name_and_fail_in_ci(tmp_path, plugin):
     shutil.copy(ROOT / 'conftest.py', tmp_path)

@@ -66,6 +66,7 @@ def place(built, tmp_path_factory):
     return folder / 'empty', there
 
 
+@pytest.mark.slow
 def test_everything_is_installed(place):
     folder, there = place
     where = run(there / 'python', '-c', 'import imu_bench; print(imu_bench.__file__)', cwd=folder)

@@ -31,6 +31,7 @@ def run_for(acquisition, clock, seconds):
     return runs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate_hz', [100.0, 1000.0, 1344.0])
 @pytest.mark.parametrize('rate_error', [-0.04, 0.0, 1e-5, 0.03])
 def test_every_sample_once_with_the_time_of_its_measurement(clock, chip, rate_hz, rate_error):

@@ -7,6 +7,7 @@ from imu_bench.config import sensor_from_parameters
 from imu_bench.metrology.stamps import timing
 from imu_bench.simulation.clock import SimulatedClock
 import numpy as np
+import pytest
 
 IN_FLIGHT = 1
 STEP_NS = 20_000_000
@@ -30,6 +31,7 @@ def test_what_goes_out_at_once_after_a_recovery_is_at_most_a_little_over_a_secon
     assert rate_hz < largest < 1.5 * rate_hz
 
 
+@pytest.mark.slow
 def test_losses_by_fault_add_up_to_the_counter_and_to_what_the_stamps_miss():
     faults = ['half_frame 3', 'garbage 7 0.5', 'wrong_identity 12 1']
     parameters = {'driver': 'mti300', 'backend': 'emulated', 'simulation.faults': faults}

@@ -30,6 +30,7 @@ class LateClock(SimulatedClock):
             super().sleep_until(self.now_ns() + late_ns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', RATES_HZ)
 @pytest.mark.parametrize(('chance', 'mean_s'), [(0.05, 0.03), (0.2, 0.01)])
 def test_what_was_lost_under_overload_is_counted(name, chance, mean_s):

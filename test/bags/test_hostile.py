@@ -125,6 +125,7 @@ def root(path: Path) -> int:
         return base.execute(query).fetchone()[0]
 
 
+@pytest.mark.slow
 def test_a_tree_of_pages_that_contains_itself_is_not_climbed(write_bag, messages):
     expected = messages(4000)
     path = storage(write_bag(expected, 'sqlite3'))

@@ -57,6 +57,7 @@ def test_one_topic_is_read(ros1_bag):
     assert read(path, ['/imu1']) == [message for message in expected if message[0] == '/imu1']
 
 
+@pytest.mark.slow
 def test_every_truncation_gives_what_is_complete(ros1_bag, tmp_path):
     path, expected = ros1_bag
     whole = path.read_bytes()
@@ -137,6 +138,7 @@ def test_an_index_that_names_not_all_is_not_believed(ros1_bag):
     assert read(path) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_it_is_what_rosbags_reads(shared_data):
     for path in sorted(shared_data.glob('rosbag1_*/**/*.bag')):

@@ -84,6 +84,7 @@ def test_zeros_after_a_power_cut_are_no_damage(path, tmp_path, play):
     assert 0 < readings < 40
 
 
+@pytest.mark.slow
 def test_any_flipped_bit_is_noticed(path, tmp_path, play):
     content = bytearray(path.read_bytes())
     begins, ends = content.index(b'\n', 40) + 1, len(content) - BLOCK.size

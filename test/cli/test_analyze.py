@@ -21,6 +21,7 @@ def one_line(err):
     return lines[0]
 
 
+@pytest.mark.slow
 def test_table_json_and_report(imu_bench, write_csv, tmp_path, monkeypatch):
     monkeypatch.setenv('COLUMNS', '120')
     document, report = tmp_path / 'r.json', tmp_path / 'r.html'
@@ -92,6 +93,7 @@ def test_averaging_times_on_request(imu_bench, write_csv, tmp_path):
     assert axis['allan']['tau'] == pytest.approx([0.1, 1.0])
 
 
+@pytest.mark.slow
 def test_averages_that_lack_samples_on_request(imu_bench, write_csv, tmp_path):
     path, document, report = write_csv(n=20_000), tmp_path / 'r.json', tmp_path / 'r.html'
     header, *rows = path.read_text().splitlines()
@@ -116,6 +118,7 @@ def test_averages_that_lack_samples_on_request(imu_bench, write_csv, tmp_path):
     assert '--min-share 95' in one_line(err)
 
 
+@pytest.mark.slow
 def test_a_window_of_stamps_and_of_seconds_agree(imu_bench, write_csv, tmp_path):
     path = write_csv()
     first, second = tmp_path / '1.json', tmp_path / '2.json'
@@ -126,6 +129,7 @@ def test_a_window_of_stamps_and_of_seconds_agree(imu_bench, write_csv, tmp_path)
     assert one.axes['angular_velocity.x'].to_json() == two.axes['angular_velocity.x'].to_json()
 
 
+@pytest.mark.slow
 def test_several_inputs_are_compared(imu_bench, write_csv, tmp_path):
     quiet = write_csv('quiet.csv', seed=2)
     loud = write_csv('loud.csv', seed=3, scale=3.0)
@@ -149,6 +153,7 @@ def test_one_bad_input_does_not_stop_the_others(imu_bench, write_csv, tmp_path):
     assert found.failures[0].source == str(missing)
 
 
+@pytest.mark.slow
 def test_strict_makes_severe_findings_fail(imu_bench, write_csv):
     def stop(rows):
         rows[:, 3] = 9.81
@@ -278,6 +283,7 @@ class TestBadInput:
         assert (code, out) == (1, '')
         assert name in one_line(err)
 
+    @pytest.mark.slow
     @pytest.mark.data
     def test_truncated_bag(self, imu_bench, shared_data, tmp_path):
         whole = (shared_data / 'rosbag1_husky_imu' / 'test' / 'test1.bag').read_bytes()
@@ -349,6 +355,7 @@ class TestRealRecordings:
             )
             np.testing.assert_array_equal(curve.terms, [point['n'] for point in channel['curve']])
 
+    @pytest.mark.slow
     def test_mpu9150_five_units_in_one_report(self, imu_bench, shared_data, tmp_path):
         data = shared_data / 'mpu9150_five_units'
         expected = json.loads((data / 'reference.json').read_text())['imus']
@@ -369,6 +376,7 @@ class TestRealRecordings:
         for name in expected:
             assert f'<h2>{name}</h2>' in page
 
+    @pytest.mark.slow
     @pytest.mark.parametrize('index', [0, 1])
     def test_husky(self, imu_bench, shared_data, tmp_path, index):
         data = shared_data / 'rosbag1_husky_imu'
@@ -396,6 +404,7 @@ class TestRealRecordings:
 
 
 class TestFigures:
+    @pytest.mark.slow
     def test_they_are_written_into_a_new_folder(self, imu_bench, write_csv, tmp_path):
         folder = tmp_path / 'figures'
         code, out, err = imu_bench('analyze', write_csv(), '--figures', folder)
@@ -415,6 +424,7 @@ class TestFigures:
         assert words in one_line(err)
 
 
+@pytest.mark.slow
 def test_the_confidence_level_is_an_option(imu_bench, write_csv, tmp_path):
     """A narrower interval of the same value, in the result and in the words of the page."""
     found = {}

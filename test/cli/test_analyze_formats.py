@@ -100,6 +100,7 @@ def test_arrays_in_two_files(analysed, tmp_path):
     assert recording.topic == 'accel + gyro'
 
 
+@pytest.mark.slow
 def test_files_are_paired_by_name(analysed, imu_bench, tmp_path):
     header = 'stamp_s,{0}.x,{0}.y,{0}.z'
     files = []
@@ -136,6 +137,7 @@ def test_a_murata_log_in_several_files(analysed, tmp_path):
     assert '4 files that continue each other' in ' '.join(out.split())
 
 
+@pytest.mark.slow
 def test_matlab_and_its_bad_input(analysed, imu_bench, tmp_path):
     acceleration, rates = still(6)
     path = tmp_path / 'log.mat'

@@ -21,6 +21,7 @@ def documents(write_csv, tmp_path_factory):
     return paths
 
 
+@pytest.mark.slow
 def test_table_page_and_document(imu_bench, documents, tmp_path):
     page, document = tmp_path / 'c.html', tmp_path / 'c.json'
     code, out, err = imu_bench('compare', *documents, '--html', page, '--json', document)

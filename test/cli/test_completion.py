@@ -72,6 +72,7 @@ def test_options_and_names(tab, line, offered):
     assert sorted(tab(line)) == offered
 
 
+@pytest.mark.slow
 def test_files(tab):
     files = 'bench.yaml', 'mine.csv', 'mine.yaml'
     assert tab('imu-bench doctor mi', *files) == ['mine.yaml']

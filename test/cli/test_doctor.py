@@ -37,6 +37,7 @@ def test_a_machine_without_buses_gets_one_clear_statement(bare, capsys):
     assert 'Threads that read a sensor' in shown
 
 
+@pytest.mark.slow
 def test_a_bench_of_emulated_sensors_is_complete_and_has_a_load(bare, capsys, sensor_file):
     bench = sensor_file(driver='bno055', backend='emulated', bus='i2c-1')
     assert main(['doctor', bench, '--i2c-hz', '100000']) == 0
@@ -45,6 +46,7 @@ def test_a_bench_of_emulated_sensors_is_complete_and_has_a_load(bare, capsys, se
     assert 'i2c-1, 100 kHz (given): busy 138 %' in shown
 
 
+@pytest.mark.slow
 def test_a_bench_that_lacks_something_is_a_fault_and_says_what_to_do(
     bare, capsys, sensor_file, monkeypatch
 ):
@@ -57,6 +59,7 @@ def test_a_bench_that_lacks_something_is_a_fault_and_says_what_to_do(
     assert 'i2c_arm' in shown
 
 
+@pytest.mark.slow
 def test_a_full_bus_is_said_to_be_full_with_what_helps(bare, capsys, sensor_file):
     bench = sensor_file(driver='mpu9250', backend='emulated', bus='i2c-1')
     assert main(['doctor', bench, '--i2c-hz', '50000']) == 0

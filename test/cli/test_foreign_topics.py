@@ -85,6 +85,7 @@ def test_who_asks_for_it_gets_it_like_a_sensor(tmp_path, capsys):
     assert len(result['comparison']['ranking']['linear_acceleration']) == 2
 
 
+@pytest.mark.slow
 def test_what_others_lack_is_no_fault_of_the_bench(tmp_path, capsys):
     bag = write_bench(tmp_path, short=40)
     assert main(['analyze', bag]) == 0

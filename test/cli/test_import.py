@@ -40,6 +40,7 @@ def axes(imu_bench, tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_an_analysis_of_what_was_imported_gives_the_same_numbers(imu_bench, axes, log, tmp_path):
     before = axes(log)
     source, outputs = log, []
@@ -59,6 +60,7 @@ def test_an_analysis_of_what_was_imported_gives_the_same_numbers(imu_bench, axes
     assert (tmp_path / 'db' / 'db_0.db3').is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_a_real_log_with_its_options(imu_bench, axes, shared_data, tmp_path):
     source = shared_data / 'elevator_phone' / 'data' / 'skyscrapper_up.csv'

@@ -142,6 +142,7 @@ def run_with(encoding, *arguments):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_pipe_that_knows_no_greek(write_csv):
     done = run_with('ascii', 'analyze', write_csv())
     assert done.returncode == 0, done.stderr
@@ -149,6 +150,7 @@ def test_a_pipe_that_knows_no_greek(write_csv):
     assert 'noise density' in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('encoding', 'size'), [('ascii', '6 000'), ('utf-8', '6\u202f000')])
 def test_thin_spaces_are_spaces_in_a_pipe(write_csv, encoding, size):
     done = run_with(encoding, 'analyze', write_csv())
@@ -156,6 +158,7 @@ def test_thin_spaces_are_spaces_in_a_pipe(write_csv, encoding, size):
     assert 'x202f' not in done.stdout
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_early_is_no_crash(write_csv):
     command = f'"{sys.executable}" -m imu_bench.cli.main analyze "{write_csv()}" | head -1'
     done = subprocess.run(command, shell=True, capture_output=True, text=True, check=True)

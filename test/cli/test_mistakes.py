@@ -125,6 +125,7 @@ def test_a_still_simulation_is_no_run_on_a_shaker(refused, tmp_path, write_csv):
     assert 'which condition and axis?' in refused('analyze', '--plan', 'sine-on-random', path)
 
 
+@pytest.mark.slow
 def test_more_moves_than_are_named(imu_bench, write_csv):
     def shake(rows):
         for begin in (1000, 3000, 5000, 7000):
@@ -143,6 +144,7 @@ def test_a_topic_is_suggested(refused, tmp_path, imu_bench):
     assert 'did you mean' not in refused('analyze', bag, '--topic', '/camera')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('options', [[], ['--plan', 'static']])
 def test_a_reader_that_goes_away_costs_no_result(write_csv, tmp_path, options):
     """As with `imu-bench analyze … --json r.json | head`."""

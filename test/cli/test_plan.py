@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 
+@pytest.mark.slow
 def test_static_in_the_terminal_and_in_files(imu_bench, write_csv, tmp_path):
     document, page, figures = tmp_path / 'p.json', tmp_path / 'p.html', tmp_path / 'figures'
     code, out, err = imu_bench(
@@ -58,6 +59,7 @@ def two_streams(tmp_path):
     return files
 
 
+@pytest.mark.slow
 def test_a_named_pair_is_one_sensor_of_the_plan(imu_bench, two_streams, tmp_path):
     sensors = {}
     for name, given in (('alone', ()), ('paired', ('--pair', 'left.csv', 'right.csv'))):

@@ -44,6 +44,7 @@ def inside(estimate, value, slack=0.0):
     return estimate['low'] - more < value < estimate['high'] + more
 
 
+@pytest.mark.slow
 def test_tilt_steps(imu_bench, simulated, tmp_path):
     bag = simulated('tilt_steps')
     page, figures = tmp_path / 'tilt.html', tmp_path / 'figures'
@@ -75,6 +76,7 @@ def test_tilt_steps(imu_bench, simulated, tmp_path):
     assert 'Errors of the angle (mast thesis, appendix 6)' in out
 
 
+@pytest.mark.slow
 def test_a_table_that_is_set_by_hand(imu_bench, simulated, tmp_path):
     """The error of the knob is what the errors scatter by; the sensor itself is better."""
     bag = simulated(
@@ -92,6 +94,7 @@ def test_a_table_that_is_set_by_hand(imu_bench, simulated, tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_fine_steps_the_other_way(imu_bench, simulated, tmp_path):
     bag = simulated('tilt_fine_steps')
     found, _ = analysed(
@@ -114,6 +117,7 @@ def test_set_angles_of_the_wrong_number_are_refused_in_one_line(imu_bench, simul
     assert '3 set angles for the 7 steps of' in err
 
 
+@pytest.mark.slow
 def test_heat_to_80(imu_bench, simulated, tmp_path):
     bag = simulated('heat_to_80')
     found, out = analysed(

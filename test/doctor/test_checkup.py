@@ -31,6 +31,7 @@ def pi(monkeypatch):
     monkeypatch.setattr(probing, 'check', lambda sensor: f'a {sensor.driver}')
 
 
+@pytest.mark.slow
 def test_sensors_of_one_bus_share_it_at_the_speed_of_the_device_tree(pi):
     config = BenchConfig(
         'two',
@@ -45,6 +46,7 @@ def test_sensors_of_one_bus_share_it_at_the_speed_of_the_device_tree(pi):
     assert found.ok
 
 
+@pytest.mark.slow
 def test_a_sensor_that_stretches_the_clock_is_warned_about_on_a_pi(pi, monkeypatch):
     config = BenchConfig('one', sensors=(hardware('b', 'bno055', 'i2c-1'),))
     (found,) = checkup.examine(config).sensors
@@ -65,6 +67,7 @@ def test_what_is_missing_makes_the_bench_not_ok(pi, monkeypatch):
     assert found.sensors[0].found == 'i2c-1: nothing answers'
 
 
+@pytest.mark.slow
 def test_two_sensors_at_one_place_are_one_too_many(pi):
     config = BenchConfig(
         'two',
@@ -79,6 +82,7 @@ def test_two_sensors_at_one_place_are_one_too_many(pi):
     assert found['b'].found.startswith('a is at the same place')
 
 
+@pytest.mark.slow
 def test_emulated_sensors_that_share_a_wire_need_places_of_their_own_too():
     shared = {'backend': 'emulated', 'bus': 'i2c-1'}
     two = (sensor('a', 'mpu9250', **shared), sensor('b', 'mpu9250', **shared))
@@ -89,6 +93,7 @@ def test_emulated_sensors_that_share_a_wire_need_places_of_their_own_too():
         checkup.examine(BenchConfig('one', sensors=(wrong,)), probe=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('first', 'second', 'clash'),
     [
@@ -114,6 +119,7 @@ def test_second_dies_need_places_of_their_own_where_they_are_on_the_bus(pi, firs
     assert [one.name for one in found if not one.ok] == ['b'] * clash
 
 
+@pytest.mark.slow
 def test_wires_are_those_of_the_sensors_and_their_speeds_are_said_to_be_known_or_not():
     config = BenchConfig(
         'many',

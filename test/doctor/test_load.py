@@ -180,6 +180,7 @@ def test_a_generic_source_asks_for_nothing():
     assert demand_of(sensor('mine', 'generic', rate_hz=100.0)) is None
 
 
+@pytest.mark.slow
 def test_a_slower_bus_is_never_faster_and_gives_what_arithmetic_does():
     rates = []
     for speed_hz in (400e3, 150e3, 100e3, 80e3, 50e3, 30e3):
@@ -193,6 +194,7 @@ def test_a_slower_bus_is_never_faster_and_gives_what_arithmetic_does():
     assert rates == sorted(rates, reverse=True)
 
 
+@pytest.mark.slow
 def test_on_a_serial_line_nobody_stretches_a_clock():
     line = predict(wire_of([sensor('fused', 'bno055', bus='serial')], Timing.serial()))
     assert line.busy < 1.0

@@ -71,6 +71,7 @@ def test_the_benches_of_the_documents_are_well(name):
     assert {'rate', 'samples lost', 'gravity', 'values', 'mounting', 'temperature'} <= found
 
 
+@pytest.mark.slow
 def test_every_row_is_there_and_good():
     rows = checked(sensor('iim42652', **IIM))
     assert [row.what for row in rows if row.verdict != OK] == []
@@ -102,6 +103,7 @@ def test_a_wrong_scale_of_the_gyroscope_is_not_its_noise(driven_by):
     assert row.measured.unit == 'rad/s/√Hz'
 
 
+@pytest.mark.slow
 def test_another_rate_than_the_one_set(driven_by):
     class Wrong(Lsm303dlhc):
         def assignments(self):
@@ -160,6 +162,7 @@ def test_an_axis_that_is_stuck_and_one_that_is_read_twice(driven_by):
     assert [row.advice for row in rows if row.verdict == WRONG] == ['x and y are the same']
 
 
+@pytest.mark.slow
 def test_a_wrong_unit_of_the_magnetometer(driven_by):
     class Wrong(Mti300):
         magnetic_field = scaled(Mti300.magnetic_field, 100.0)
@@ -176,6 +179,7 @@ def test_a_wrong_zero_of_the_thermometer(driven_by):
     assert failing(checked(sensor('iim42652', **IIM))) == {'temperature'}
 
 
+@pytest.mark.slow
 def test_a_fifo_whose_slots_are_taken_in_the_wrong_order(driven_by):
     class Wrong(Lsm9ds1):
         def __init__(self, *given):

@@ -60,6 +60,7 @@ def acquired(acquired, make_source):
     return make
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', ['i2c', 'serial'])
 def test_what_fusion_finds_is_in_the_file_once_all_is_calibrated(acquired, path, kind):
     made = acquired('bno055', kind, calibration_file=str(path)).run(4.0)
@@ -82,6 +83,7 @@ def test_only_what_a_mode_measures_has_to_be_calibrated(acquired, path):
     assert path.exists()
 
 
+@pytest.mark.slow
 def test_it_is_restored_at_the_next_start_and_left_alone(acquired, path):
     first = acquired('bno055', 'serial', calibration_file=str(path)).run(8.0)
     data, written = path.read_bytes(), path.stat().st_mtime_ns
@@ -102,6 +104,7 @@ def test_offsets_of_another_chip_leave_a_bias(acquired, path):
     np.testing.assert_allclose(force, (-2.56, 0.0, 9.80665), atol=0.06)
 
 
+@pytest.mark.slow
 def test_it_is_restored_after_a_dip_too(acquired, path):
     acquired('bno055', 'serial', calibration_file=str(path)).run(8.0)
     made = acquired('bno055', 'serial', calibration_file=str(path)).run(4.0)
@@ -141,6 +144,7 @@ def test_a_file_that_is_none_is_refused(acquired, path, content, text):
         acquired('bno055', 'serial', calibration_file=str(path))
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_not_there_is_named_and_the_sensor_goes_on(acquired, path):
     made = acquired('bno055', 'serial', calibration_file=str(path.parent / 'no' / 'a')).run(12.0)
     assert made.errors == {ConfigError}

@@ -170,6 +170,7 @@ def test_codes_of_the_rate(chip, code, rate):
     assert made.source.nominal_hz == rate
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('rate', 'code', 'order', 'corner'),
     [

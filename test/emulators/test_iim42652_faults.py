@@ -31,6 +31,7 @@ def bench(acquired, make_source):
     return make
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', ['i2c', 'spi'])
 @pytest.mark.parametrize('settings', [{}, {'fifo_bits': 20}, {'rate_hz': 1000.0}])
 def test_every_sample_arrives_once_with_its_time(bench, kind, settings):

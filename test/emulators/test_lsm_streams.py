@@ -94,6 +94,7 @@ def test_samples_that_are_not_settled_are_not_delivered(running, name):
     assert (np.abs(made.values[0] - [0, 0, 9.80665]) <= half * (1 + 1e-9)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('stays', [False, True])
 def test_each_field_once_whether_or_not_reading_clears_its_flag(clock, make_source, driven, stays):
     source = make_source()
@@ -156,6 +157,7 @@ def test_other_rates(running, name, settings):
     assert not +made.driver.counters
 
 
+@pytest.mark.slow
 def test_the_noise_of_the_shipped_file_is_there_in_the_band(clock):
     acquisition = build(load_sensor(ROOT / 'config' / 'sensors' / 'lsm9ds1.yaml'), clock)
     runs = []

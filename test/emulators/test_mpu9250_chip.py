@@ -274,6 +274,7 @@ def test_interrupt_flags_clear_on_read_and_need_their_enable(make_chip, clock, s
     assert bus.read(0x3A, 1) == b'\x00'
 
 
+@pytest.mark.slow
 def test_a_transfer_that_is_too_slow_loses_bytes(clock, make_source, start_fifo, count):
     line = Line(clock, Timing.i2c(100e3))  # 12 bytes cost 1.08 ms of every ms
     bus = create('mpu9250', 'i2c', make_source(), clock, line=line)['']

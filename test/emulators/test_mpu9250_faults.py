@@ -10,6 +10,7 @@ def bench(running):
     return lambda kind='i2c', **settings: running('mpu9250', kind, **settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'bypass'), [('i2c', False), ('i2c', True), ('spi', False)])
 def test_every_sample_arrives_once_with_its_value(bench, kind, bypass):
     made = bench(kind, magnetometer_bypass=bypass)

@@ -31,6 +31,7 @@ def bench(acquired, make_source):
     return make
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', KINDS)
 def test_every_sample_arrives_once_with_its_time(bench, kind):
     made = bench(kind, rate_error=40e-6 if kind == 'daqhat' else 0.0)

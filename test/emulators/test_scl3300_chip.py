@@ -248,6 +248,7 @@ def test_the_low_pass_of_the_mode(chip, clock, make_source, mode, corner):
     assert word == pytest.approx(expected, abs=full * math.exp(-1) * 0.75e-3 / tau)
 
 
+@pytest.mark.slow
 def test_noise_passes_a_first_order_low_pass(chip, clock, make_source):
     """Doc 4921 table 2: 32 µg/√Hz and 10 Hz of first order make 0.13 mg rms."""
     rng = np.random.default_rng(1)

@@ -35,6 +35,7 @@ def bench(starting):
     return lambda **given: starting(**given).run(0.5)
 
 
+@pytest.mark.slow
 def test_samples_come_at_the_deadlines_of_the_host(bench):
     made = bench()
     made.run(5.0)

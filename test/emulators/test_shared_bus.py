@@ -162,6 +162,7 @@ def test_stamps_are_the_times_of_measurement(sensors, place):
     assert (np.diff(stamps) > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['lsm303dlhc', 'lsm9ds1'])
 def test_what_an_overrun_lost_is_counted_and_a_gap_in_the_stamps(name):
     clock = SimulatedClock()
@@ -213,6 +214,7 @@ def test_emulated_sensors_that_name_the_same_bus_share_its_wire(buses, wires, cl
 FIELDS = np.array([(20e-6, 0.0, -40e-6), (-10e-6, 30e-6, 15e-6)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('bypass', [False, True])
 def test_two_mpu9250_on_one_bus_have_each_its_own_magnetometer(clock, make_source, bypass):
     line = Line(clock, Timing.i2c(400e3))

@@ -54,6 +54,7 @@ WRAPPED = ('compare', 'compare_runs')
 """Lines with the folder in them, whose name is longer or shorter, break elsewhere."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', golden.CASES)
 def test_the_same_as_before(cases, name):
     found = cases.result(name)

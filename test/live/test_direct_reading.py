@@ -41,6 +41,7 @@ def record(bag, sensors, samples=300, storage='mcap'):
     return recording
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_every_sample_is_in_the_bag_with_the_counts_that_say_so(tmp_path, storage):
     sensors = [sensor('left'), sensor('chip', 'mpu9250')]
@@ -63,6 +64,7 @@ def test_every_sample_is_in_the_bag_with_the_counts_that_say_so(tmp_path, storag
     assert values['recorder: recording']['missed./bench/left/imu/data_raw'] == '0'
 
 
+@pytest.mark.slow
 def test_the_messages_are_what_the_node_publishes(tmp_path):
     given = {'linear_acceleration_stddev': 0.01, 'frame_id': 'there'}
     record(tmp_path / 'bag', [sensor('left', **given)])
@@ -81,6 +83,7 @@ def test_the_messages_are_what_the_node_publishes(tmp_path):
     assert message.angular_velocity_covariance[0] == -1.0
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_not_there_ends_it_before_it_begins(tmp_path):
     absent = sensor('left', 'mpu9250', **{'simulation.faults': ['unplugged 0 600']})
     with pytest.raises(NoAnswer):

@@ -101,6 +101,7 @@ def test_what_one_topic_carries_stays_in_order_while_its_quantities_change():
     assert [run.stamps.tolist() for run in found if run.temperature is not None] == [[2, 4]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('where', ['here', 'there'])
 def test_everything_that_was_read_is_delivered_in_order(process, where):
     found = Collected()
@@ -115,6 +116,7 @@ def test_everything_that_was_read_is_delivered_in_order(process, where):
     reading.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('every_s', [0.0, 0.05])
 def test_samples_keep_coming_while_nobody_stops_the_sensor(process, every_s):
     found = Collected()
@@ -125,6 +127,7 @@ def test_samples_keep_coming_while_nobody_stops_the_sensor(process, every_s):
     assert_whole(found.stamps)
 
 
+@pytest.mark.slow
 def test_two_sensors_of_one_process_do_not_mix(process):
     found = {name: Collected() for name in ('left', 'right')}
     readings = [
@@ -140,6 +143,7 @@ def test_two_sensors_of_one_process_do_not_mix(process):
         assert np.median(np.diff(found[name].stamps)) == pytest.approx(1e9 / rate, rel=0.02)
 
 
+@pytest.mark.slow
 def test_errors_come_back_as_what_they_are(process):
     with pytest.raises(ConfigError, match='nothing'):
         process.read(wish(driver='mpu9250', bus='nothing'), Collected())
@@ -149,6 +153,7 @@ def test_errors_come_back_as_what_they_are(process):
     reading.close()
 
 
+@pytest.mark.slow
 def test_an_error_keeps_its_class_on_the_way(process):
     faults = ['wrong_identity 0 600']
     swapped = wish(driver='mpu9250', **{'simulation.faults': faults})
@@ -178,6 +183,7 @@ process.close()
 """
 
 
+@pytest.mark.slow
 def test_who_was_away_for_seconds_gets_everything_afterwards():
     root = str(Path(__file__).parent)
     away = subprocess.Popen(
@@ -200,6 +206,7 @@ def test_who_was_away_for_seconds_gets_everything_afterwards():
     assert span_ns > 4.5e9
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_is_said_and_the_next_sensor_gets_a_new_one(process):
     found = Collected()
     reading = process.read(wish(), found)
@@ -221,6 +228,7 @@ def permitted_to_lock():
     return subprocess.check_output([sys.executable, '-c', locked], text=True).strip() == '0'
 
 
+@pytest.mark.slow
 def test_processes_of_one_origin_read_for_themselves_and_share_its_memory(process):
     wishes = [wish('one'), wish('two')]
     processes = process.several(2, [each.sensor for each in wishes])
@@ -263,6 +271,7 @@ def threads(pid):
     return {task: os.sched_getscheduler(task) for task in tasks}
 
 
+@pytest.mark.slow
 def test_only_the_thread_that_reads_goes_first_and_nothing_inherits_it(process):
     found = Collected()
     reading = process.read(wish(), found)
@@ -303,6 +312,7 @@ thread.join()
 """
 
 
+@pytest.mark.slow
 def test_a_thread_that_spins_gives_its_priority_back():
     # on one processor: nobody else gets anything while it spins
     pinned = {min(os.sched_getaffinity(0))}
@@ -338,6 +348,7 @@ thread.join()
 """
 
 
+@pytest.mark.slow
 def test_a_process_that_takes_too_much_gives_its_priority_back():
     result = subprocess.run(
         ['timeout', '-s', 'KILL', '60', sys.executable, '-c', BUDGET],

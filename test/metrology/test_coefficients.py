@@ -200,6 +200,7 @@ def test_a_record_of_a_few_samples(n):
         assert estimate.high is None or estimate.high > 0.0
 
 
+@pytest.mark.slow
 @settings(
     max_examples=150,
     deadline=None,

@@ -84,6 +84,7 @@ def sampled(share, x):
     return signal.lfilter([1.0 - pole], [1.0, -pole], x)[2000:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('share', 'held'), [(0.32, 34), (0.625, 35)])
 def test_what_folds_back_behind_an_analogue_filter_is_known(share, held):
     """As most chips filter; the samples of a minute at 100 Hz."""
@@ -93,6 +94,7 @@ def test_what_folds_back_behind_an_analogue_filter_is_known(share, held):
     assert np.mean([model.N.value for model in models]) == pytest.approx(TRUE, rel=0.02)
 
 
+@pytest.mark.slow
 def test_rounding_behind_a_slow_filter_does_not_move_n():
     """Steps as large as σ, 17 s at 200 Hz: a quarter of the first variance joins behind it."""
     models = [
@@ -174,6 +176,7 @@ def test_a_process_is_found_behind_a_filter_and_leaves_n():
     assert found >= 4
 
 
+@pytest.mark.slow
 def test_any_bent_curve_gives_numbers_or_a_reason():
     """Steps of rounding, walks, processes and filters together, power laws or not."""
     for run in range(25):

@@ -41,6 +41,7 @@ def covariance(white, flicker, walk):
     return lines(lines(noise).T)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'noise',
     [

@@ -49,6 +49,7 @@ def noise(rng, sigma=1.0):
     return sigma * rng.standard_normal(int(RATE_HZ * SECONDS))
 
 
+@pytest.mark.slow
 def test_the_squared_envelope_is_that_of_the_definition():
     """Against the modulation that was put in, at the times of its samples."""
     time = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
@@ -70,6 +71,7 @@ def test_blows_under_noise_are_found_by_how_often_they_come():
     assert right == 6
 
 
+@pytest.mark.slow
 def test_noise_has_no_lines():
     """One axis of a hundred may: of 60, five would be one chance in 4000."""
     shown = sum(bool(measured(noise(np.random.default_rng([71, s]))).tones) for s in range(60))
@@ -93,6 +95,7 @@ def test_the_fault_that_is_there_is_seen_and_no_other():
         assert others <= ({'cage'} if part == 'element' else set())
 
 
+@pytest.mark.slow
 def test_a_sound_bearing_has_no_fault():
     """Noise, a gear with side bands of the shaft, and blows without any period."""
     wanted = bearing_frequencies(29.95, 9, 7.94e-3, 39.04e-3)

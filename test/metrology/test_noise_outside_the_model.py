@@ -71,6 +71,7 @@ def test_the_process_has_its_autocovariance():
     assert seen == pytest.approx(1e-6 * 2.0 / 2.0 * gauss_markov_variance(tau, 2.0), rel=0.06)
 
 
+@pytest.mark.slow
 def test_a_bias_with_a_memory_is_no_random_walk():
     """38 of 40 reported K, and the interval held q_c in 10."""
     found = list(results('Gauss-Markov 100 s', HOUR, 6))
@@ -90,6 +91,7 @@ def test_a_bias_with_a_memory_leaves_the_white_noise_as_it_is():
         assert claimed([result], 'QBK') == 0 and result.model.low_pass is None
 
 
+@pytest.mark.slow
 def test_flicker_beside_a_memory_leaves_the_white_noise_as_it_is():
     """In 1 h: two missed N, and of the last was none, but Q."""
     for seed in (5, 12, 6):
@@ -99,6 +101,7 @@ def test_flicker_beside_a_memory_leaves_the_white_noise_as_it_is():
         assert claimed([result], 'QK') == 0 and result.model.low_pass is None
 
 
+@pytest.mark.slow
 def test_ringing_is_no_quantisation():
     """A resonant filter: N held in 68 % at 10 min, Q claimed in 28 of 40 at 1 h."""
     found = list(results('resonant filter', HOUR, 6))
@@ -107,6 +110,7 @@ def test_ringing_is_no_quantisation():
     assert sum(holds(result, 'N', WHITE) for result in found) >= 5
 
 
+@pytest.mark.slow
 def test_noise_with_a_short_memory_leaves_the_white_noise_as_it_is():
     """White noise and AR(1) with 0.9 in 10 min: N held in 5 %."""
     found = list(results('AR(1) 0.9', TEN_MINUTES, 6))
@@ -157,6 +161,7 @@ def test_rounding_to_steps_of_three_sigma_behind_a_filter_is_no_noise_with_a_mem
     assert result.model.N.value == pytest.approx(WHITE, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('share', [0.3, 0.45])
 def test_a_weak_filter_is_kept(share):
     """Of first order and analogue, in a minute: N is 1 to 4 % low if it is not seen."""
@@ -169,6 +174,7 @@ def test_a_weak_filter_is_kept(share):
     assert held >= 10
 
 
+@pytest.mark.slow
 def test_flicker_of_another_exponent_is_within_the_interval_of_n():
     """Of these four of 1/f^0.8 in 1 h three had a filter, and three missed N."""
     found = [
@@ -233,6 +239,7 @@ def test_a_power_law_that_fits_as_well_is_no_walk():
         assert model.K.high > 0.0
 
 
+@pytest.mark.slow
 def test_b_says_what_exponent_it_takes_for_1():
     """1/f^0.8 of 1 h was claimed as B without a word."""
     for seed in (0, 2, 9):
@@ -280,12 +287,14 @@ def test_an_event_has_its_size_and_time():
     assert event.time == pytest.approx(300.0, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', [n for n, s in SCENARIOS.items() if s.family])
 def test_noise_of_the_family_has_no_events(name):
     for result in results(name, TEN_MINUTES, 8):
         assert result.choice.events == ()
 
 
+@pytest.mark.slow
 def test_a_floor_that_was_not_seen_is_not_claimed():
     """B was claimed from 98 s where the curve still fell."""
     for seed in range(8):
@@ -309,6 +318,7 @@ def test_the_models_tried_are_told_and_come_back_from_json():
     assert again.to_json()['model_choice'] == choice
 
 
+@pytest.mark.slow
 def test_a_random_walk_beside_a_power_law_of_any_exponent():
     """Its interval left out that the exponent is uncertain, and divided by zero instead."""
     for seed in range(3):

@@ -21,6 +21,7 @@ def test_normal_noise_is_hardly_ever_called_otherwise():
     assert found.count('normal') >= 34
 
 
+@pytest.mark.slow
 def test_the_quantiles_of_the_distance_are_those_of_normal_records():
     records = np.sort(np.random.default_rng(4).normal(size=(1500, 4000)), axis=1)
     records -= records.mean(axis=1, keepdims=True)

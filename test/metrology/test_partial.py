@@ -61,6 +61,7 @@ def test_a_record_without_gaps_is_not_touched():
         assert lenient.min_share == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('lost', [0.001, 0.01])
 @pytest.mark.parametrize('noise', ['white', 'walk', 'both', 'ramp'])
 def test_losses_at_random_cost_a_percent(lost, noise):
@@ -89,6 +90,7 @@ def test_losses_at_random_cost_a_percent(lost, noise):
     assert alike.mean() > 0.95
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth():
     rng = np.random.default_rng(4)
     tau = [0.01, 1.0, 10.0, 30.0]

@@ -52,6 +52,7 @@ def test_the_gain_holds_up_to_the_last_frequency_whatever_the_ratio_of_the_rates
         assert np.median(part) == pytest.approx(0.9, abs=0.004)
 
 
+@pytest.mark.slow
 def test_the_intervals_cover():
     inside = np.zeros(2)
     for seed in range(40):
@@ -95,6 +96,7 @@ def test_upside_down_is_no_delay():
     assert np.abs(np.abs(found.phase[20:100]) - np.pi).max() < 0.3
 
 
+@pytest.mark.slow
 def test_coherence_is_the_share_that_is_common():
     """Noise as strong as the signal: γ² = 1/2."""
     rng = np.random.default_rng(6)

@@ -73,6 +73,7 @@ def test_equals_batch_after_blocks_of_any_size(size):
     assert window.end_ns == stamps[-1]
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(
     st.integers(0, 1000),
@@ -121,6 +122,7 @@ def test_a_sensor_turned_over_leaves_nothing_behind():
     assert_equal_to_batch(live.snapshot(), stamps, values)
 
 
+@pytest.mark.slow
 def test_snapshots_change_nothing():
     n = 8000
     stamps, values = stamps_at(n, 100.0), noise(n)

@@ -93,6 +93,7 @@ def test_too_little_is_refused():
         six.any_positions(flat)
 
 
+@pytest.mark.slow
 def test_any_positions_cover_the_truth():
     triangular = np.triu(RESPONSE)
     rng = np.random.default_rng(11)

@@ -50,6 +50,7 @@ def test_the_mean_spectrum_is_that_of_scipy(length, detrend):
     assert ours.density == pytest.approx(density[1:], rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('average', ['mean', 'median'])
 @pytest.mark.parametrize('n', [500, 5000, 100_000])
 def test_white_noise_has_its_density_and_intervals_cover(n, average):
@@ -108,6 +109,7 @@ def test_many_short_runs_take_short_segments():
     assert s.resolution == pytest.approx(RATE / 256)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_record():
     peaks = []
     for n in (1_500_000, 6_000_000):
@@ -149,6 +151,7 @@ def test_constant_data_have_no_density_no_tone_and_no_plateau():
     assert plateau(s).unit == 'm/s²/√Hz'
 
 
+@pytest.mark.slow
 def test_noise_alone_has_no_tones():
     rng = np.random.default_rng(8)
     found = 0

@@ -70,6 +70,7 @@ def test_a_constant_is_exactly_itself():
     assert s.outliers.count == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('memory', 'n'), [(0.0, 30_000), (0.9, 30_000), (0.99, 30_000), (0.99, 5000), (0.99, 4000)]
 )
@@ -186,6 +187,7 @@ def test_the_step_of_quantised_data(step):
     assert resolution(np.full(100, 3.0)) == 0.0
 
 
+@pytest.mark.slow
 def test_interval_of_a_ratio_covers():
     rng = np.random.default_rng(17)
     inside = 0

@@ -25,6 +25,7 @@ def test_phases_of_an_oven():
     assert found.cooled
 
 
+@pytest.mark.slow
 def test_coefficient_and_hysteresis_lie_in_their_intervals_as_often_as_stated():
     inside = closed = 0
     for seed in range(100):

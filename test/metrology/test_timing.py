@@ -320,6 +320,7 @@ def messy(seed, n=3000):
     return stamps_of(times)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.lists(st.integers(1, 700), min_size=1, max_size=6))
 def test_blocks_of_any_size_are_judged_like_the_whole(seed, sizes):
@@ -344,6 +345,7 @@ def test_blocks_of_any_size_are_judged_like_the_whole(seed, sizes):
     assert np.concatenate(steps) == pytest.approx(step, rel=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10_000))
 def test_the_grid_of_messy_stamps_is_increasing_and_complete(seed):

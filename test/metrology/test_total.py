@@ -106,6 +106,7 @@ def test_by_the_definitions():
     assert total.theo1(x, [6], 0.1)[0] == pytest.approx(wanted)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('alpha', 'truth'), [(0, 1.0), (-1, None), (-2, None)])
 def test_theoh_reaches_three_quarters_of_the_record_without_bias(noise, alpha, truth):
     """Against the mean Allan variance of records eight times as long."""

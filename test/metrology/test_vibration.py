@@ -76,6 +76,7 @@ def engine(rng, wander):
     return x + 0.2 * rng.normal(size=T.size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('wander', [0.0, 0.003])
 def test_tones_of_an_engine_lie_in_their_intervals(wander):
     inside = np.zeros(2)
@@ -139,6 +140,7 @@ def lines(frequencies, amplitudes):
     ]
 
 
+@pytest.mark.slow
 def test_tones_without_relation_form_no_families():
     """Two hundred tones up to 6 kHz, as on a bearing test rig: many near multiples of others."""
     made = 0
@@ -149,6 +151,7 @@ def test_tones_without_relation_form_no_families():
     assert made <= 12
 
 
+@pytest.mark.slow
 def test_a_fault_among_them_is_found_by_its_fundamental():
     """Its sixth harmonic is the strongest of all, at a resonance."""
     right = 0

@@ -41,6 +41,7 @@ def same(found, publisher, parts):
         assert np.array_equal(ours.messages, theirs.messages)
 
 
+@pytest.mark.slow
 @given(NUMBERS, PARTS)
 @settings(max_examples=200)
 def test_a_block_comes_back_as_it_was(publisher, parts):
@@ -85,6 +86,7 @@ def test_a_block_cut_anywhere_is_refused(length):
         blocks.decode(GOOD[:length])
 
 
+@pytest.mark.slow
 @given(st.data())
 @settings(max_examples=500)
 def test_damage_is_refused_or_gives_rows_that_lie_in_the_message(data):

@@ -39,6 +39,7 @@ def line_of(across, axis, parameter):
     return line
 
 
+@pytest.mark.slow
 def test_the_same_sensor_is_the_same_nineteen_times_in_twenty(sensor):
     verdicts = [
         line.verdict
@@ -105,6 +106,7 @@ def test_a_value_and_an_upper_bound(sensor, first, second, verdict):
     assert not line.ratio.observable
 
 
+@pytest.mark.slow
 def test_sensors_are_matched_by_topic_then_by_name(sensor):
     a, b = '/bench/a/imu/data_raw', '/bench/b/imu/data_raw'
     across = compare_runs(runs([sensor(1, a), sensor(2, b)], [sensor(3, b), sensor(4, '/other')]))
@@ -113,6 +115,7 @@ def test_sensors_are_matched_by_topic_then_by_name(sensor):
     assert list(across.sensors['b']) == ['run0', 'run1']
 
 
+@pytest.mark.slow
 def test_one_sensor_each_is_compared_whatever_its_name(sensor):
     across = compare_runs(runs([sensor(1, '/bench/a/imu/x')], [sensor(2, '/bench/b/imu/x')]))
     assert {line.sensor for line in across.lines} == {'a / b'}
@@ -123,6 +126,7 @@ def test_three_runs_are_each_held_against_the_first(sensor):
     assert {line.run for line in across.lines} == {'run1', 'run2'}
 
 
+@pytest.mark.slow
 def test_nothing_to_compare_is_said(sensor):
     with pytest.raises(RecordingError, match='name two or more'):
         compare_runs(runs([sensor(1)]))

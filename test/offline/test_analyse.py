@@ -28,6 +28,7 @@ def test_white_noise(recording_of, noise):
     assert result.health.rate.value == pytest.approx(100.0, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_gap_does_not_bias(recording_of, noise):
     samples = noise()
     keep = np.ones(len(samples), dtype=bool)
@@ -50,6 +51,7 @@ def test_axes_of_nan_are_not_analysed(recording_of, noise):
     assert [axis.letter for axis in result.of('linear_acceleration')] == ['z']
 
 
+@pytest.mark.slow
 def test_a_low_pass_around_zero_is_no_high_pass(recording_of, noise):
     samples = noise()
     sections = signal.butter(2, 8.0, fs=100.0, output='sos')
@@ -93,6 +95,7 @@ def test_a_window_is_exact(recording_of, noise):
     )
 
 
+@pytest.mark.slow
 def test_a_live_window_is_computed_again_exactly(recording_of, noise):
     samples = noise(n=30_000, jitter_s=2e-4)
     keep = np.ones(len(samples), dtype=bool)

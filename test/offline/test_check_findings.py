@@ -37,6 +37,7 @@ def test_a_change_is_a_warning_that_names_the_axis(recording_of, noise):
     assert result.health.severity == 'warning'
 
 
+@pytest.mark.slow
 def test_a_sensor_that_was_shaken_for_a_while_is_not_to_be_trusted(recording_of, noise):
     """As on a machine that runs for a part of the recording, and stays where it is."""
     samples = noise(6)
@@ -89,6 +90,7 @@ def test_a_contradiction_of_the_spectrum_names_the_coefficient(recording_of, noi
     assert 'N of angular_velocity.z' in finding.text
 
 
+@pytest.mark.slow
 def test_a_knock_is_no_crowd_of_tones(recording_of, noise):
     samples = noise(10)
     acceleration, time = np.array(samples.acceleration), np.arange(len(samples)) / 100.0

@@ -20,6 +20,7 @@ def two(recording_of, noise):
     ]
 
 
+@pytest.mark.slow
 def test_the_quietest_comes_first(two):
     standing = compare(two).standings['linear_acceleration']
     assert [row.label for row in standing] == ['quiet', 'loud']

@@ -217,6 +217,7 @@ def test_what_was_published_before_the_recording_began_is_not_lost(tmp_path):
     assert losses(told) == {}  # its recorder has said what it did not hear
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('known', [True, False])
 def test_statuses_that_were_heard_before_the_topic_accuse_nobody(tmp_path, known):
     everything = Recorded().sensor()
@@ -384,6 +385,7 @@ def test_the_serial_number_of_a_converter_is_not_that_of_the_sensor_at_it(tmp_pa
     assert heard.serial(TOPIC) == ''
 
 
+@pytest.mark.slow
 def test_bags_that_tell_one_serial_number_are_one_sensor(tmp_path, capsys):
     """An hour lies between the first two; the third holds the time of the second again."""
     bags = [

@@ -28,6 +28,7 @@ def analysis(result):
 
 
 class TestCsv:
+    @pytest.mark.slow
     def test_every_estimate_comes_back(self, analysis, result):
         rows = list(csv.DictReader(io.StringIO(render(analysis, 'csv'))))
         found = {(row['axis'], row['parameter']): row for row in rows}

@@ -94,6 +94,7 @@ class Kalibr:
 
 
 class TestKalibr:
+    @pytest.mark.slow
     def test_it_takes_the_file_and_finds_the_noise_of_the_samples(self, analysis, result):
         read = Kalibr(render(analysis, 'kalibr'))
         for sensor, quantity in TERMS.items():

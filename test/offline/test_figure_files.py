@@ -54,6 +54,7 @@ def again(gyro, tmp_path_factory):
     return files, before, dict(mpl.rcParams)
 
 
+@pytest.mark.slow
 def test_every_figure_in_every_format(written):
     folder, files = written
     names = {f'chip-linear_acceleration-{part}' for part in PARTS}
@@ -64,6 +65,7 @@ def test_every_figure_in_every_format(written):
     assert {path.name for path in folder.iterdir()} == expected
 
 
+@pytest.mark.slow
 def test_the_files_are_what_they_say(written):
     for path in written[1]:
         start = path.read_bytes()[:8]
@@ -75,6 +77,7 @@ def test_the_files_are_what_they_say(written):
             assert ElementTree.parse(path).getroot().tag.endswith('svg')
 
 
+@pytest.mark.slow
 def test_the_same_results_give_the_same_files(written, again):
     folder, files = written[0], again[0]
     assert len(files) == len(PARTS) * len(SUFFIXES)
@@ -104,6 +107,7 @@ def test_the_legend_of_all_sensors_has_a_dollar_sign_as_it_is(full):
     assert labels == ['a$b$', 'c', 'x', 'y', 'z']
 
 
+@pytest.mark.slow
 def test_the_style_of_the_caller_is_left_alone(again):
     _, before, after = again
     assert after == before
@@ -148,6 +152,7 @@ def test_sensors_and_axes_differ_in_more_than_colour(full):
     assert len({line.get_marker() for line in named}) == 3
 
 
+@pytest.mark.slow
 def test_an_axis_without_noise_does_not_break_it(full, tmp_path):
     result = only(full, 'linear_acceleration.z', 'angular_velocity.x')
     axes = {

@@ -29,6 +29,7 @@ def test_everything_it_names_is_there():
         offline.no_such_name  # noqa: B018
 
 
+@pytest.mark.slow
 def test_it_gives_the_document_of_the_verb(recordings, tmp_path, capsys):
     files = [str(path) for path in recordings]
     assert main(['analyze', *files, '--jobs', '1', '--json', str(tmp_path / 'verb.json')]) == 0

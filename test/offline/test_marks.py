@@ -26,6 +26,7 @@ def shown(result):
     return out.export_text()
 
 
+@pytest.mark.slow
 def test_a_recording_that_moved_is_marked_in_the_tables(recording_of, noise):
     samples = noise(1, n=20_000)
     rates = samples.angular_velocity.copy()

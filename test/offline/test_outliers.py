@@ -26,6 +26,7 @@ def recorded(recording_of, noise, seed, share, *, size=20.0, walk=0.0, n=60_000)
     return analyse(recording_of(only)), int(np.count_nonzero(hit))
 
 
+@pytest.mark.slow
 def test_n_does_not_notice_one_outlier_in_a_thousand(recording_of, noise):
     held = 0
     for seed in range(8):
@@ -73,6 +74,7 @@ def test_slow_noise_keeps_what_it_has(recording_of, noise):
     assert other.value == pytest.approx(one.value, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_shock_that_rings_is_not_taken_away(recording_of, noise):
     samples = noise(1)
     rates = samples.angular_velocity.copy()

@@ -34,6 +34,7 @@ def measured(recordings):
     return [analyse(recording, Settings()) for recording in halves(recordings)]
 
 
+@pytest.mark.slow
 def test_two_topics_are_one_sensor_and_it_is_said(streams):
     [one] = joined(measured(streams))
     assert one.topic == f'{ACCEL} + {GYRO}'
@@ -55,6 +56,7 @@ def test_two_topics_are_one_sensor_and_it_is_said(streams):
     assert not [f for f in one.health.findings if f.code == 'constant']
 
 
+@pytest.mark.slow
 def test_measuring_apart_changes_no_number(streams):
     [one] = joined(measured(streams))
     apart = measured(streams)

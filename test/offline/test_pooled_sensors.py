@@ -36,6 +36,7 @@ def runs(tmp_path):
     return paths
 
 
+@pytest.mark.slow
 def test_many_recordings_are_one_sensor(runs, tmp_path, capsys):
     out, page = tmp_path / 'r.json', tmp_path / 'r.html'
     assert main(['analyze', *runs, '--pool', '--json', str(out), '--html', str(page)]) == 0
@@ -64,6 +65,7 @@ def test_many_recordings_are_one_sensor(runs, tmp_path, capsys):
     assert 'From run to run: 3 runs' in text and 'noise by run' in text
 
 
+@pytest.mark.slow
 def test_turn_on_bias_is_the_scatter_of_the_means(runs, tmp_path):
     """The files are read here with NumPy alone."""
     out = tmp_path / 'r.json'
@@ -73,6 +75,7 @@ def test_turn_on_bias_is_the_scatter_of_the_means(runs, tmp_path):
     assert axis.between['mean'].std.value == pytest.approx(np.std(means, ddof=1), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_finding_of_many_runs_is_one_note(runs, tmp_path):
     """Two of three runs lack a second; each says so itself, and the sensor once."""
     for path in runs[:2]:
@@ -86,6 +89,7 @@ def test_a_finding_of_many_runs_is_one_note(runs, tmp_path):
     assert pooled.health.missing == 200
 
 
+@pytest.mark.slow
 def test_serial_numbers_tell_sensors_of_one_topic_apart(runs, tmp_path):
     out = tmp_path / 'r.json'
     assert main(['analyze', *runs, '--json', str(out)]) == 0
@@ -99,6 +103,7 @@ def test_serial_numbers_tell_sensors_of_one_topic_apart(runs, tmp_path):
     assert alone is second and pair.serial == 'A' and len(pair.runs) == 2
 
 
+@pytest.mark.slow
 def test_recordings_of_one_serial_number_need_not_be_asked_for(runs, tmp_path):
     out = tmp_path / 'r.json'
     assert main(['analyze', *runs, '--json', str(out)]) == 0
@@ -115,6 +120,7 @@ def test_recordings_of_one_serial_number_need_not_be_asked_for(runs, tmp_path):
     assert pool_known([emulated, rows[1]], 0.95) == [emulated, rows[1]]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_pooled_stays_apart_and_says_why(runs, tmp_path, capsys):
     """One of the recordings is of half the rate."""
     lines = Path(runs[1]).read_text(encoding='utf-8').splitlines(keepends=True)

@@ -42,6 +42,7 @@ def test_told_by_the_noise(recording_of, noise, factor, said):
         assert found['angle_unit'].severity == 'severe'
 
 
+@pytest.mark.slow
 def test_not_judged_without_a_datasheet_or_on_the_move(recording_of, noise):
     assert 'angle_unit' not in codes(recording_of, noise, factor=57.3, topic='/bench/x/imu/data')
     moved = codes(recording_of, noise, factor=57.3, move=True)

@@ -35,6 +35,7 @@ def test_they_agree_on_white_noise_and_random_walk(size):
         assert N.low <= N.value <= N.high
 
 
+@pytest.mark.slow
 def test_an_analogue_filter_near_half_the_rate_is_no_contradiction():
     """One minute of the gyroscope of a BNO055: one axis in 600 may be flagged, 1 in 40 was."""
     pole = np.exp(-2.0 * np.pi * 0.32)
@@ -46,6 +47,7 @@ def test_an_analogue_filter_near_half_the_rate_is_no_contradiction():
     assert flagged <= 1
 
 
+@pytest.mark.slow
 def test_averages_of_filtered_noise_do_not_lower_n():
     """An hour of the gyroscope of an MPU-9250 in blocks of 14: N came out 1 % low."""
     pole, found = np.exp(-2.0 * np.pi * 0.184), []
@@ -79,6 +81,7 @@ def with_gaps(x, rng, share=0.01):
     return opinion_on(model, curve, x, averages(x, RATE_HZ, 1, valid), valid)
 
 
+@pytest.mark.slow
 def test_scattered_gaps_make_no_contradiction():
     """The spectrum sees one short piece: at most 1 % of records of six axes may be flagged."""
     flagged = sum(
@@ -88,6 +91,7 @@ def test_scattered_gaps_make_no_contradiction():
     assert flagged <= 1
 
 
+@pytest.mark.slow
 def test_noise_that_comes_and_goes_is_contradicted_in_spite_of_gaps():
     found = 0
     for run in range(10):

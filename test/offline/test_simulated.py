@@ -42,6 +42,7 @@ def analysed(made):
     return found
 
 
+@pytest.mark.slow
 def test_terminal_page_and_json_say_it(analysed):
     said, page, results = analysed['bag']
     assert said.startswith(f'{WARNING}: 6 of 6 recordings are of no real sensor.')
@@ -51,12 +52,14 @@ def test_terminal_page_and_json_say_it(analysed):
     assert 'Of the simulation' in page
 
 
+@pytest.mark.slow
 def test_a_real_recording_is_not_called_simulated(analysed):
     said, page, results = analysed['bare']
     assert WARNING not in said + page
     assert not any(recording['simulated'] for recording in results['recordings'])
 
 
+@pytest.mark.slow
 def test_exports_say_it(made, analysed):
     topic = '/bench/mpu9250/imu/data_raw'
     for to in sorted({*FORMATS} - {'csv'}):
@@ -79,6 +82,7 @@ def test_comparisons_say_it(made, analysed):
     assert f'{WARNING}: 6 of 12 recordings' in page.read_text('utf-8')
 
 
+@pytest.mark.slow
 def test_a_plan_says_it(made):
     page, results = made / 'plan.html', made / 'plan.json'
     imu_bench('analyze', '--plan', 'static', made / 'bag', '--html', page, '--json', results)

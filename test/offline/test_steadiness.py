@@ -17,6 +17,7 @@ def examine(x, **options):
     return steadiness.examine(x, RATE_HZ, 'm/s²', **options)
 
 
+@pytest.mark.slow
 def test_steady_noise_raises_no_alarm():
     for seed in range(30):
         rng = np.random.default_rng([1, seed])

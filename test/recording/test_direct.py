@@ -81,6 +81,7 @@ def test_analyze_finds_nothing_wrong_with_it(tmp_path, sensor):
     assert not [code for code in codes if 'lost' in code or 'gap' in code]
 
 
+@pytest.mark.slow
 def test_direct_is_about_a_bench(tmp_path):
     result = record('--direct', '-o', tmp_path / 'bag')
     assert result.returncode == 1

@@ -40,6 +40,7 @@ def words(page):
     return ' '.join(shown.replace('\u00a0', ' ').split())
 
 
+@pytest.mark.slow
 def test_the_page_has_numbers_conditions_verdict_and_provenance(written):
     said = words((written / 'out' / 'chip.html').read_text('utf-8'))
     assert 'chip: measured datasheet' in said

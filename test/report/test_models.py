@@ -45,6 +45,7 @@ def axes(result):
     return result.of('angular_velocity')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('draw', 'kinds'),
     [

@@ -70,6 +70,7 @@ class Elements(HTMLParser):
             self.text += data
 
 
+@pytest.mark.slow
 def test_nothing_comes_from_the_network(page):
     found = Elements(page)
     names = {tag for tag, _ in found.tags}

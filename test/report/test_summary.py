@@ -58,6 +58,7 @@ def said(*recordings, failures=()):
     return ' '.join(sentences.of_all(Analysis(recordings, failures), sensors.compare(recordings)))
 
 
+@pytest.mark.slow
 def test_every_ratio_has_an_interval(analysed, quiet, loud):
     loudest = analysed('/loudest', np.random.default_rng(4).normal(0.0, 9e-3, (20_000, 3)))
     assert re.search(r', loudest 9\.\d+ ± 0\.\d+ times', said(quiet, loud, loudest))

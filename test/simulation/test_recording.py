@@ -48,6 +48,7 @@ def bag(request, tmp_path):
     return tmp_path / 'bag', sensors, counts
 
 
+@pytest.mark.slow
 def test_every_sample_of_every_sensor_is_in_the_bag_with_its_stamp_and_value(bag):
     path, sensors, counts = bag
     anew, _ = simulated(*(sensor.config for sensor in sensors))

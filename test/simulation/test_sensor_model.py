@@ -102,6 +102,7 @@ def test_what_lies_above_nyquist_passes_the_low_pass_and_folds_back(order):
     )
 
 
+@pytest.mark.slow
 def test_noise_is_filtered_but_keeps_its_density_at_low_frequencies():
     rate, n = 1000.0, 400_000
     errors = Errors(noise_density=2.0, low_pass=20.0)

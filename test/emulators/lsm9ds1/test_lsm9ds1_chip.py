@@ -240,6 +240,7 @@ def test_the_accelerometer_alone_has_rates_of_its_own(chip, clock, code, rate, f
     assert level(bus) <= 2
 
 
+@pytest.mark.slow
 def test_the_filters_of_the_registers_filter_noise(chip, clock, make_source, fifo, level):
     rng = np.random.default_rng(1)
 

@@ -131,6 +131,7 @@ def test_mcap_by_its_own_reader(bag, tmp_path):
     assert {schema.encoding for schema in summary.schemas.values()} == {'ros2msg'}
 
 
+@pytest.mark.slow
 def test_ros_1_becomes_ros_2(tmp_path):
     acceleration, _ = numbers()
     store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path / 'old.bag'
@@ -310,6 +311,7 @@ def test_a_csv_says_what_it_has_no_place_for(bag, tmp_path):
     assert first.endswith(',0.0,0.0,0.6,0.8')
 
 
+@pytest.mark.slow
 def test_damaged_stamps_of_a_bag_are_left_out_and_counted(tmp_path):
     store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path / 'old.bag'
     with Ros1Writer(path) as writer:

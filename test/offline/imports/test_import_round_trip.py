@@ -74,6 +74,7 @@ def imported(source, output, form, **options):
     return import_recordings(find_recordings(source), ReadOptions(**options), Path(output), form)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(table=tables(last=2**31 * SECOND - 1), form=st.sampled_from(FORMS))
 def test_every_bit_and_every_nanosecond_comes_back(table, form):
@@ -137,6 +138,7 @@ REAL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @pytest.mark.parametrize('place', REAL)
 def test_recordings_of_others_go_through_every_format(shared_data, tmp_path, place):

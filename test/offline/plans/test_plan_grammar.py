@@ -232,6 +232,7 @@ class TestResult:
         assert '<dt>axis</dt><dd>x</dd>' in page
         assert '<dt>none</dt>' not in page
 
+    @pytest.mark.slow
     def test_figures_are_written_in_three_formats(self, tmp_path):
         files = write_figures(self.result, tmp_path / 'f')
         assert sorted(file.name for file in files)[0] == 'tilt-Bars.pdf'

@@ -66,6 +66,7 @@ def campaign(simulated):
     return run(SineOnRandom(), *paths)
 
 
+@pytest.mark.slow
 def test_zones_are_found_where_the_truth_has_them(simulated):
     path = simulated('sc1_x_1', seed=1)
     zones = json.loads((path / 'truth.json').read_text(encoding='utf-8'))['scenario']['zones']
@@ -78,6 +79,7 @@ def test_zones_are_found_where_the_truth_has_them(simulated):
             assert found.end_s == pytest.approx(zone['end_s'], abs=0.6)
 
 
+@pytest.mark.slow
 def test_injected_cross_axis_sensitivity_comes_out(campaign):
     """RR_ij = |20 log10(c_ij)|, and what the noise of 1.5 mg adds to a weak axis."""
     row = table(campaign, 'Accelerometer: rejection ratio')['SC1 dut1']
@@ -94,6 +96,7 @@ def test_injected_cross_axis_sensitivity_comes_out(campaign):
     assert 'RR xy' not in row  # nobody excited y
 
 
+@pytest.mark.slow
 def test_spurious_response_is_the_rise_over_the_quiet_zone(campaign):
     row = table(campaign, 'Accelerometer: spurious')['SC1 dut1']
     wanted = 10 * np.log10((CROSS['y'][0] ** 2 * 0.61 + 1.46e-3**2) / 1.46e-3**2)
@@ -154,6 +157,7 @@ def test_a_shifted_sensor_is_not_compatible(simulated):
     assert any(f.code == 'not-compatible' and 'y differs' in f.text for f in result.findings)
 
 
+@pytest.mark.slow
 def test_a_swept_sine_has_no_ratio_and_repetitions_may_share_a_recording(simulated):
     path = simulated('sc4_y_1', 'sc4', settings=['axis=y', 'repeat=2'])
     result = run(SineOnRandom(), path)
@@ -164,6 +168,7 @@ def test_a_swept_sine_has_no_ratio_and_repetitions_may_share_a_recording(simulat
     assert set(each) == {f'dut{n} repetition {k}' for n in (1, 2, 3) for k in (1, 2)}
 
 
+@pytest.mark.slow
 def test_a_sine_above_half_the_rate_is_allowed_and_said(simulated):
     path = simulated('sc1_x_fold', settings=['sine.frequency=90 Hz'])
     result = run(SineOnRandom(), path)

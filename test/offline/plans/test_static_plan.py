@@ -31,6 +31,7 @@ def table(result, words):
     return found
 
 
+@pytest.mark.slow
 def test_the_tables_of_the_thesis_are_there(measured):
     result = Static().conclude(measured)
     for number in ('5.1', '5.2', '5.4', '5.5', '5.6', '5.7', '5.8'):
@@ -150,6 +151,7 @@ def test_table_5_2_has_both_rates(measured):
     assert {row[0]: row[place] for row in found.rows}['lsm9ds1 z'] == 119.0
 
 
+@pytest.mark.slow
 def test_the_autocorrelation_of_a_process_falls_as_it_should(recording_of):
     """A first-order process with T_c of 5 s, and white noise that the averages take away."""
     rng, rate, time_s = np.random.default_rng(54), 100.0, 5.0

@@ -85,6 +85,7 @@ def test_a_real_lift_as_published(shared_data):
     assert '+5.2 %' in scale.text
 
 
+@pytest.mark.slow
 def test_a_simulated_ride_as_put_in(ride):
     """Config: 7 m, 1 m/s, 0.8 m/s²; scale errors of up to 3 % are those of the data sheets."""
     rows = {row['sensor']: row for row in table(ride, 'Ride')}
@@ -110,6 +111,7 @@ def test_figures_of_a_ride(ride):
     json.dumps(ride.to_json(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_the_engine_runs_at_800_rpm(engine):
     rows = {row['sensor, axis']: row for row in table(engine, 'Harmonic families')}
     row = rows['mtn1100 z']
@@ -163,6 +165,7 @@ def test_levels_and_velocity(engine):
     assert row['crest factor'].value == pytest.approx(row['peak'].value / row['RMS'].value)
 
 
+@pytest.mark.slow
 def test_the_filters_of_the_thesis(engine_path):
     plan = Vibration({'moving_average': '10', 'low_pass': '40 Hz'})
     result = plan.conclude([measured(plan, engine_path)])
@@ -173,6 +176,7 @@ def test_the_filters_of_the_thesis(engine_path):
     assert any(f.code == 'no-reference' for f in result.findings)
 
 
+@pytest.mark.slow
 def test_sensors_of_two_recordings_are_compared(engine_path):
     """Each recording has a clock of its own; the second began 7 s later."""
     plan = Vibration(reference='mtn1100')
@@ -190,6 +194,7 @@ def test_sensors_of_two_recordings_are_compared(engine_path):
     assert row['gain'].value == pytest.approx(0.98, abs=0.03)
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_said(engine_path):
     plan = Vibration(reference='piezo')
     with pytest.raises(RecordingError, match='--reference piezo: not among the sensors: mti300'):

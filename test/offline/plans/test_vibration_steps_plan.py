@@ -61,6 +61,7 @@ def test_a_recording_without_a_whole_step_is_refused(recording_of):
     assert one['frequency'] == [60.0, 80.0, 100.0, 120.0]
 
 
+@pytest.mark.slow
 def test_the_simulated_steps_are_those_of_table_1():
     scenario = load_scenario('vibration_steps')
     assert scenario.duration_s == 99 * 25.0

@@ -44,6 +44,7 @@ def write(path, size, values):
         np.savez(path, **named)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('form', ['npy', 'npz', 'mat'])
 def test_memory_does_not_grow_with_the_file(tmp_path, form):
     rng = np.random.default_rng(1)
@@ -54,6 +55,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path, form):
     assert long < 2.5 * short  # as a whole it would be twice that
 
 
+@pytest.mark.slow
 def test_what_is_compressed_a_thousandfold_does_not_come_back_in_memory(tmp_path):
     files = [tmp_path / 'short.npz', tmp_path / 'long.npz']
     for file, size in zip(files, (SHORT, LONG), strict=True):

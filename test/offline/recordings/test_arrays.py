@@ -186,6 +186,7 @@ class TestNpz:
         with pytest.raises(RecordingError, match=r'gyro.npy claims 2147483648 bytes'):
             open_source(path)
 
+    @pytest.mark.slow
     def test_a_constant_column_is_no_bomb(self, tmp_path):
         """Zeros shrink a thousandfold."""
         np.savez_compressed(tmp_path / 'a.npz', stamp_s=np.arange(1e6), gyro=np.zeros((10**6, 3)))
@@ -194,6 +195,7 @@ class TestNpz:
 
 
 class TestMatlab:
+    @pytest.mark.slow
     def test_variables_and_structs(self, tmp_path):
         path = tmp_path / 'a.mat'
         struct = {'accel': ACCELERATION, 'gyro': RATES, 'name': 'unit 7'}
@@ -202,6 +204,7 @@ class TestMatlab:
         is_what_was_written(recording.samples)
         assert problems == []
 
+    @pytest.mark.slow
     @pytest.mark.parametrize('form', ['4', '5'])
     def test_a_matrix(self, tmp_path, form):
         path = tmp_path / 'a.mat'
@@ -216,6 +219,7 @@ class TestMatlab:
         with pytest.raises(RecordingError, match=r"HDF5\) is not read: .* save\(file, '-v7'\)"):
             open_source(path)
 
+    @pytest.mark.slow
     def test_damage_is_one_line(self, tmp_path):
         path = tmp_path / 'a.mat'
         savemat(path, {'gyro': RATES})

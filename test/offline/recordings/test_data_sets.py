@@ -127,6 +127,7 @@ def table(data: Path) -> str:
     return '\n'.join(lines) + '\n'
 
 
+@pytest.mark.slow
 def test_the_table_is_what_is_read(shared_data):
     before, mark, written = PAGE.read_text('utf-8').partition(MARK)
     now = table(shared_data)
