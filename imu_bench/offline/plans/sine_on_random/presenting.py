@@ -262,6 +262,14 @@ _FIGURES = {
     ('SR', 'angular_velocity'): '11',
 }
 
+_SCALES = {
+    ('RR', 'linear_acceleration'): '0: as much as shaken axis',
+    ('RR', 'angular_velocity'): '°/s against g',
+    ('SR', 'linear_acceleration'): '0: as at rest',
+    ('SR', 'angular_velocity'): '0: as at rest',
+}
+"""What the size of a ratio means, in the room that the axis of a figure has."""
+
 
 def figures(campaign: Campaign, measured: Sequence[Shaken]) -> Iterator[Figure]:
     """Yield all figures; bars with the standard deviation of a repetition."""
@@ -306,12 +314,13 @@ def _bars(campaign: Campaign, name: str, quantity: Quantity, sensor: str) -> Ite
         is not None
     ]
     if series:
-        number = _FIGURES[name, quantity.name]
+        kind = name, quantity.name
         yield Figure(
             f'{TITLES[quantity.name]} of {sensor}: {_WORDS[name]} {name} (Capriglione 2021, '
-            f'figure {number})',
-            'axis not excited, axis excited', f'{name} in dB', tuple(series),
-            categories=tuple(f'{i}{j}' for i, j in campaign.pairs),
+            f'figure {_FIGURES[kind]})',
+            'yx: y while x is shaken; whiskers: σ of a repetition',
+            f'{name} in dB; {_SCALES[kind]}',
+            tuple(series), categories=tuple(f'{i}{j}' for i, j in campaign.pairs),
         )  # fmt: skip
 
 
@@ -332,7 +341,8 @@ def _ratio_bars(campaign: Campaign, sensor: str) -> Iterator[Figure]:
     if series:
         yield Figure(
             f'Accelerometer of {sensor}: signal-to-noise ratio SNR (Capriglione 2021, figure 12)',
-            'condition and axis', 'SNR in dB',
+            'condition and axis; whiskers: σ of a repetition',
+            'SNR in dB; 0: sine as strong as noise',
             tuple(series), categories=tuple(f'{c} {axis}' for c, axis in places),
         )  # fmt: skip
 
