@@ -28,15 +28,10 @@ myst_heading_anchors = 3
 numpydoc_show_class_members = False
 autodoc_typehints = 'none'  # the docstrings say it with shapes and units
 autodoc_member_order = 'bysource'
-# what rosdoc2 puts beside the pages is a list of every module: the reference has what is stable
-exclude_patterns = [
-    '_build',
-    'man',
-    'images',
-    'modules.rst',
-    'imu_bench*.rst',
-    'msg_conversions*.rst',
-]
+exclude_patterns = ['_build', 'man', 'images']
+# what rosdoc2 puts beside the pages: every module, where the reference has what is stable, and
+# copies of the README and others
+exclude_patterns += ['modules.rst', 'imu_bench*.rst', 'standard_docs', 'standards.rst', '__*.rst']
 smartquotes = False  # --options are no dashes
 html_theme = 'sphinx_rtd_theme'
 html_theme_options = {'navigation_depth': 2, 'collapse_navigation': False}
