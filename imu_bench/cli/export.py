@@ -88,9 +88,13 @@ def run(arguments: argparse.Namespace) -> int:
         check_outputs([output], [arguments.result])
     if not arguments.force:
         _refuse(chosen)
-    written = []
+    written: list[Path] = []
+    lacking: list[str] = []
     if into:
-        texts = exports.files(chosen, arguments.to, **kind)
+        # who names a sensor wants it
+        texts = exports.files(
+            chosen, arguments.to, lacking=None if arguments.topic else lacking, **kind
+        )
         output.mkdir(exist_ok=True)
         for name, text in texts.items():
             write_text(output / name, text)
@@ -110,9 +114,13 @@ def run(arguments: argparse.Namespace) -> int:
             write_text(output, text)
             written.append(output)
     print(*(f'wrote {path}\n' for path in written), sep='', end='')
-    for label, recording in chosen.items():
-        for finding in recording.health.severe:
-            print(f'imu-bench: warning: {_told(label, finding)}', file=sys.stderr)
+    doubts = [
+        _told(label, finding)
+        for label, recording in chosen.items()
+        for finding in recording.health.severe
+    ]
+    for words in (*(f'left out: {why}' for why in lacking), *doubts):
+        print(f'imu-bench: warning: {words}', file=sys.stderr)
     return DONE
 
 

@@ -132,3 +132,26 @@ def test_an_unknown_format_is_wrong_usage(imu_bench, documents):
     code, _, err = imu_bench('export', documents[0], '--to', 'matlab')
     assert code == 2
     assert 'kalibr' in err
+
+
+def test_a_sensor_without_a_gyroscope_does_not_keep_the_others_from_a_folder(
+    imu_bench, write_csv, tmp_path
+):
+    def no_gyroscope(rows):
+        rows[:, 4:] = np.nan
+
+    both = write_csv('both.csv', n=6_000)
+    half = write_csv('half.csv', n=6_000, change=no_gyroscope)
+    result, folder = tmp_path / 'r.json', tmp_path / 'filters'
+    assert imu_bench('analyze', both, half, '--json', result)[0] == 0
+    code, out, err = imu_bench('export', result, '--to', 'kalibr', '-o', folder)
+    assert (code, out) == (0, f'wrote {folder / "both.yaml"}\n')
+    assert err.startswith('imu-bench: warning: left out: ')
+    assert 'half.csv' in err
+    assert 'there is no angular_velocity in it to export' in err
+    assert [path.name for path in folder.iterdir()] == ['both.yaml']
+    code, _, err = imu_bench(
+        'export', result, '--to', 'kalibr', '-o', folder, '--topic', 'half', '--topic', 'both'
+    )
+    assert code == 1
+    assert 'there is no angular_velocity in it to export' in err

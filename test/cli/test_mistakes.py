@@ -139,7 +139,7 @@ def test_a_topic_is_suggested(refused, tmp_path, imu_bench):
     bag = tmp_path / 'bag'
     imu_bench('simulate', 'mast_inclination', '--duration', '2s', '-o', bag)
     meant = "did you mean '/bench/scl3300/imu/data_raw'?"
-    assert meant in refused('analyze', bag, '--topic', 'scl3300')
+    assert meant in refused('analyze', bag, '--topic', 'scl330')
     assert meant in refused('analyze', bag, '--topic', '/bench/scl3300/imu/dat_raw')
     assert 'did you mean' not in refused('analyze', bag, '--topic', '/camera')
 

@@ -77,17 +77,40 @@ def render(analysis: Analysis, to: str, topic: str = '', *, conservative: bool =
 
 
 def files(
-    recordings: Mapping[str, RecordingResult], to: str, *, conservative: bool = False
+    recordings: Mapping[str, RecordingResult],
+    to: str,
+    *,
+    conservative: bool = False,
+    lacking: list[str] | None = None,
 ) -> dict[str, str]:
-    """Return an export of every sensor by the name of its file."""
+    """
+    Return an export of every sensor by the name of its file.
+
+    A sensor without what the format needs, such as one without a gyroscope, is left out where
+    there are others, and why is added to `lacking`; without that list it is an error.
+    """
     if to == 'csv':
         return {f'numbers.{_SUFFIXES[to]}': table(list(recordings.values()))}
-    names = file_names(recordings)
     suffix = _SUFFIXES.get(to, 'yaml')
-    return {
-        f'{name}.{suffix}': _WRITERS[to](Numbers(recording, conservative))
-        for name, recording in zip(names, recordings.values(), strict=True)
+    made = {
+        f'{name}.{suffix}': _written(Numbers(recording, conservative), to)
+        for name, recording in zip(file_names(recordings), recordings.values(), strict=True)
     }
+    texts = {name: text for name, text in made.items() if isinstance(text, str)}
+    problems = [error for error in made.values() if isinstance(error, RecordingError)]
+    if problems and (lacking is None or not texts):
+        raise problems[0]
+    if lacking is not None:
+        lacking.extend(map(str, problems))
+    return texts
+
+
+def _written(numbers: Numbers, to: str) -> str | RecordingError:
+    """Return an export, or why there is none."""
+    try:
+        return _WRITERS[to](numbers)
+    except RecordingError as error:
+        return error
 
 
 def choose(analysis: Analysis, topics: Sequence[str] = ()) -> dict[str, RecordingResult]:
