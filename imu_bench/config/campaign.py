@@ -132,7 +132,7 @@ class BenchTest:
 def _changes(test: BenchTest, short: BenchTest) -> Iterator[str]:
     """Say in what a form differs from the test."""
     if short.duration_s != test.duration_s:
-        own = 'as its scenario has it' if test.duration_s is None else f'{test.duration_s:g} s'
+        own = 'the length of its scenario' if test.duration_s is None else f'{test.duration_s:g} s'
         yield f'a run of {short.duration_s:g} s instead of {own}'
     if short.repetitions != test.repetitions:
         yield f'repetitions {short.repetitions} instead of {test.repetitions}'
