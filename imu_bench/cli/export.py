@@ -152,8 +152,8 @@ def _refuse(chosen: Mapping[str, RecordingResult]) -> None:
     if told:
         more = f' (and {len(told) - 1} more)' if len(told) > 1 else ''
         raise RecordingError(
-            f'not to be trusted: {told[0].rstrip(".")}{more}; leave it out with --topic, or write it '
-            'all the same with --force'
+            f'not to be trusted: {told[0].rstrip(".")}{more}; leave it out with --topic, or write '
+            'it all the same with --force'
         )
 
 
