@@ -10,6 +10,7 @@ white list (Fast DDS 2.14), ``General/Interfaces`` (Cyclone DDS).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
 import os
 import socket
 
@@ -34,6 +35,12 @@ CLEARED = (
     'FASTDDS_BUILTIN_TRANSPORTS',
 )
 """Variables of a user's shell that would lead out again, or open other transports."""
+
+_PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+"""What names the profiles to Fast DDS 2 and 3."""
+
+FIRST_WITH_FAST_DDS_3 = 9
+"""Of rclpy: Kilted has 9.1 and Fast DDS 3.2, Jazzy 7.1 and Fast DDS 2.14."""
 
 _MOST = 32
 """Participants of a domain that are looked for on this machine, as Fast DDS does here."""
@@ -82,11 +89,20 @@ def variables(network: str, environment: Mapping[str, str] = os.environ) -> dict
         **dict.fromkeys(CLEARED, ''),
         VARIABLE: network,
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT' if alone else 'SUBNET',
-        'FASTRTPS_DEFAULT_PROFILES_FILE': profile,  # Fast DDS 2; of 3 it has the other name
-        'FASTDDS_DEFAULT_PROFILES_FILE': profile,
+        **dict.fromkeys(_PROFILES, ''),
+        _profiles(): profile,
         'SKIP_DEFAULT_XML_FILE': '1',  # no DEFAULT_FASTRTPS_PROFILES.xml of the current folder
         'CYCLONEDDS_URI': _cyclone(network),
     }
+
+
+def _profiles() -> str:
+    """Return which of the names Fast DDS knows its profiles by; 3 complains of that of 2."""
+    try:
+        major = int(version('rclpy').partition('.')[0])
+    except PackageNotFoundError:
+        major = 0
+    return _PROFILES[major >= FIRST_WITH_FAST_DDS_3]
 
 
 def apply(chosen: Mapping[str, str]) -> None:

@@ -16,7 +16,7 @@ from imu_bench.offline.analysis.settings import Settings
 from msg_conversions.quantities import ANGULAR_VELOCITY
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import integrate, signal
 
 from benchmarks._misfit import FLICKER, flicker, markov, RATE_HZ, SCENARIOS, walk, WHITE, white
 
@@ -57,7 +57,7 @@ def test_the_generators_make_the_spectra_they_name(slope):
         window = (
             4.0 * np.sin(np.pi * f * t) ** 4 / (t * RATE_HZ * np.sin(np.pi * f / RATE_HZ)) ** 2
         )
-        expected = np.trapezoid(FLICKER**2 * (2.0 * np.pi * f) ** -slope * window, f)
+        expected = integrate.trapezoid(FLICKER**2 * (2.0 * np.pi * f) ** -slope * window, f)
         assert seen[at] == pytest.approx(expected, rel=0.04)
 
 

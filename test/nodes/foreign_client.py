@@ -97,7 +97,9 @@ class Float64MultiArray(IdlStruct, typename='std_msgs::msg::dds_::Float64MultiAr
 
 def main(kind: str, topic: str, count: int) -> int:
     """Print messages of a topic."""
-    os.environ.setdefault('CYCLONEDDS_URI', UNTYPED)
+    # beside what keeps it to this machine
+    settings = filter(None, (os.environ.get('CYCLONEDDS_URI'), UNTYPED))
+    os.environ['CYCLONEDDS_URI'] = ','.join(settings)
     participant = DomainParticipant(int(os.environ['ROS_DOMAIN_ID']))
     qos = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(1000))
     # ROS 2 puts 'rt' before the name of every topic
