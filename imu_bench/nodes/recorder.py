@@ -246,7 +246,8 @@ class RecorderNode(parameters.FromDump):
         if message is None:
             self.log.warning(f'{name} is not recorded: its type {kind} is not installed here')
             return
-        if self._own and not self._wants(name):
+        # whose places are on /tf_static nobody can tell
+        if self._own and (name == TF_STATIC or not self._wants(name)):
             self._others.beside[name] = 0
         offered = [offered_qos(publisher.qos_profile) for publisher in publishers]
         self._writer.add_topic(describe(name, kind, offered, _type_hash(publishers)))

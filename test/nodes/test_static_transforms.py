@@ -12,9 +12,11 @@ from types import ModuleType
 
 from geometry_msgs.msg import TransformStamped
 from imu_bench.nodes.discovery import message_class
+from imu_bench.nodes.others import BESIDE_BYTES
 from imu_bench.nodes.recorder import RecorderNode
 from imu_bench.nodes.sensor import SensorNode
 from msg_conversions.transforms import TF_STATIC, TF_TYPE
+import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -87,3 +89,14 @@ def test_a_recorder_of_chosen_topics_takes_those_alone(ros, tmp_path):
     topics = ['/bench/left/imu/data_raw']
     node = ros.add(RecorderNode, parameters={'output': str(tmp_path / 'b'), 'topics': topics})
     assert not node._wants(TF_STATIC)
+
+
+def test_a_flood_of_places_does_not_fill_the_disk(ros, tf2_msgs, tmp_path):
+    """Whoever is on the domain may publish there: beside a bench he has the room of others."""
+    parameters = {'output': str(tmp_path / 'bag'), 'sensors': ['/bench/left']}
+    node = ros.add(RecorderNode, parameters=parameters)
+    node._follow(TF_STATIC, TF_TYPE, [])
+    many = np.zeros((3000, 1000), np.uint8)
+    for start in range(0, len(many), 300):
+        node._store(TF_STATIC, np.arange(300), many[start : start + 300])
+    assert node._others.beside[TF_STATIC] == len(many) - BESIDE_BYTES // many.shape[1]

@@ -9,6 +9,7 @@ of noise: as one column more of the likelihood it takes all of that power away.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 import math
 
 from imu_bench.metrology.curve import Floats
@@ -113,19 +114,32 @@ def _line(slow: Cosines, variance: Floats) -> tuple[Event, Floats]:
 def _settling(slow: Cosines, variance: Floats) -> tuple[Event, Floats]:
     """Return the likeliest exponential from the start on, and its transform."""
     n = slow.terms.size + 1
-    when = np.arange(n) + 0.5
     longest = SLOWEST_SETTLING * n
-    # first by factors of two, then within one
-    times = longest * 0.5 ** np.arange(math.log2(longest / _EDGE))
-    for factors in (1.0, 2.0 ** np.linspace(-1.0, 1.0, 41)):
-        times = np.atleast_1d(np.minimum(times * factors, longest))
-        shapes = fft.dct(np.exp(-when / times[:, None]), norm='ortho', axis=1)[:, 1:]
+    times, shapes = _coarse(n)
+    power, matched = shapes**2 @ (1.0 / variance), shapes @ (slow.terms / variance)
+    best = int(np.argmax(matched**2 / power))
+    if matched[best] ** 2 / power[best] >= 0.5 * min(NEEDED['settling']):
+        times = np.minimum(times[best] * 2.0 ** np.linspace(-1.0, 1.0, 41), longest)
+        shapes = _exponentials(n, times)
         power, matched = shapes**2 @ (1.0 / variance), shapes @ (slow.terms / variance)
         best = int(np.argmax(matched**2 / power))
-        times = times[best]
     size, gain = matched[best] / power[best], matched[best] ** 2 / power[best]
-    return Event('settling', float(size), float(times) / slow.rate_hz, float(gain)), (
+    return Event('settling', float(size), float(times[best]) / slow.rate_hz, float(gain)), (
         shapes[best] * size
+    )
+
+
+@lru_cache(maxsize=2)
+def _coarse(n: int) -> tuple[Floats, Floats]:
+    """Return time constants by factors of two, in values, and the transforms of what settles."""
+    longest = SLOWEST_SETTLING * n
+    times = longest * 0.5 ** np.arange(math.log2(longest / _EDGE))
+    return times, _exponentials(n, times)
+
+
+def _exponentials(n: int, times: Floats) -> Floats:
+    return np.asarray(
+        fft.dct(np.exp(-(np.arange(n) + 0.5) / times[:, None]), norm='ortho', axis=1)[:, 1:]
     )
 
 
