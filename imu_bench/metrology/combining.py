@@ -9,7 +9,7 @@ from imu_bench.errors import DataError
 from imu_bench.metrology.estimate import Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 
 def symmetric(
@@ -23,7 +23,9 @@ def symmetric(
 ) -> Estimate:
     """Return an estimate from a standard error, by Student's distribution."""
     tail = 0.5 + confidence / 2.0
-    quantile = special.ndtri(tail) if math.isinf(freedom) else special.stdtrit(freedom, tail)
+    quantile = (
+        scipy.special.ndtri(tail) if math.isinf(freedom) else scipy.special.stdtrit(freedom, tail)
+    )
     half = error * float(quantile)
     return Estimate(value, value - half, value + half, unit, confidence, method=method)
 
@@ -91,6 +93,6 @@ def sample_statistics(
         float(numbers.mean()), std / math.sqrt(numbers.size), unit, confidence, freedom=freedom
     )
     tail = (1.0 - confidence) / 2.0
-    low, high = (std * math.sqrt(freedom / float(special.chdtri(freedom, p)))
+    low, high = (std * math.sqrt(freedom / float(scipy.special.chdtri(freedom, p)))
                  for p in (tail, 1.0 - tail))  # fmt: skip
     return mean, Estimate(std, low, high, unit, confidence)

@@ -17,7 +17,7 @@ import math
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -106,13 +106,13 @@ class Moments:
             return Estimate(value, None, None, unit, confidence, method='single sample')
         if self.count.size < FEWEST_BLOCKS:  # too short to see correlation: independent samples
             error = math.sqrt(float(self.variance[axis]) / self.samples)
-            half = error * float(special.stdtrit(self.samples - 1, 0.5 + confidence / 2))
+            half = error * float(scipy.special.stdtrit(self.samples - 1, 0.5 + confidence / 2))
             return Estimate(
                 value, value - half, value + half, unit, confidence,
                 method='independent samples',
             )  # fmt: skip
         error, freedom = error_of_mean(self.mean[axis])
-        half = error * float(special.stdtrit(freedom, 0.5 + confidence / 2))
+        half = error * float(scipy.special.stdtrit(freedom, 0.5 + confidence / 2))
         return Estimate(value, value - half, value + half, unit, confidence, method='block means')
 
     def freedom(self, axis: int, confidence: float = CONFIDENCE) -> float:
@@ -129,7 +129,7 @@ class Moments:
         if error == 0.0:
             return most
         tail = 0.5 + confidence / 2.0
-        error *= float(special.stdtrit(freedom, tail) / special.ndtri(tail))
+        error *= float(scipy.special.stdtrit(freedom, tail) / scipy.special.ndtri(tail))
         return min(max(2.0 * (float(self.variance[axis]) / error) ** 2, FEWEST_FREEDOM), most)
 
     def std_estimate(self, axis: int, unit: str, confidence: float = CONFIDENCE) -> Estimate:
@@ -170,10 +170,10 @@ class Moments:
         # mean square of each block about zero
         blocks = self.square[axis] + middle * (2.0 * self.mean[axis] - middle)
         error, freedom = error_of_mean(blocks)
-        half = error * float(special.stdtrit(freedom, 0.5 + confidence / 2))
+        half = error * float(scipy.special.stdtrit(freedom, 0.5 + confidence / 2))
         if half == 0.0:
             return Estimate(value, value, value, unit, confidence, method='block mean squares')
-        z = float(special.ndtri(0.5 + confidence / 2))
+        z = float(scipy.special.ndtri(0.5 + confidence / 2))
         freedom = max(2.0 * (z * square / half) ** 2, FEWEST_FREEDOM)
         low, high = _chi_squared(freedom, confidence)
         return Estimate(
@@ -186,8 +186,8 @@ def _chi_squared(freedom: float, confidence: float) -> tuple[float, float]:
     # far beyond any record; the ends differ by the last digits, and the quantiles are still exact
     degrees = min(freedom, 1e16) / 2.0
     tail = (1.0 - confidence) / 2.0
-    low = math.sqrt(degrees / float(special.gammainccinv(degrees, tail)))
-    return low, math.sqrt(degrees / float(special.gammaincinv(degrees, tail)))
+    low = math.sqrt(degrees / float(scipy.special.gammainccinv(degrees, tail)))
+    return low, math.sqrt(degrees / float(scipy.special.gammaincinv(degrees, tail)))
 
 
 def _root_sum_square(value: float, mean: Estimate, noise: Estimate) -> Estimate:

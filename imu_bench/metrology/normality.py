@@ -21,7 +21,7 @@ from imu_bench.metrology.moments import BLOCKS, error_of_mean, FEWEST_BLOCKS
 from imu_bench.metrology.statistics import resolution
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -142,7 +142,7 @@ def histogram(data: npt.ArrayLike, unit: str, bins: int | None = None) -> Histog
         count += np.histogram(part, *bounds)[0]
         below += int(np.count_nonzero(part < edges[0])) if lowest < edges[0] else 0
         above += int(np.count_nonzero(part > edges[-1])) if highest > edges[-1] else 0
-    expected = values.size * np.diff(special.ndtr((edges - mean) / std))
+    expected = values.size * np.diff(scipy.special.ndtr((edges - mean) / std))
     return Histogram(edges, count, np.asarray(expected, np.float64), unit, below, above)
 
 
@@ -222,7 +222,7 @@ def normality(data: npt.ArrayLike, confidence: float = CONFIDENCE) -> Normality:
         counts[block] = np.bincount(places[part], minlength=grid.size + 1)
     skewness, kurtosis = _shape(powers, np.diff(edges), confidence)
     distance = _distance(counts, grid, confidence)
-    reach = float(special.ndtri(0.5 + confidence / 2))
+    reach = float(scipy.special.ndtri(0.5 + confidence / 2))
     chi2 = sum((0.0 if e.value is None else e.value / _error(e, reach)) ** 2
                for e in (skewness, kurtosis))  # fmt: skip
     p_value = math.exp(-0.5 * chi2)
@@ -269,7 +269,7 @@ def _shape(powers: Floats, sizes: Integers, confidence: float) -> tuple[Estimate
     # what a block adds to each: the influence of its moments (delta method)
     on_skewness = powers[2] - 3 * powers[0] - 1.5 * skewness * (powers[1] - 1)
     on_kurtosis = powers[3] - 4 * m3 * powers[0] - 2 * (kurtosis + 3) * (powers[1] - 1)
-    reach = float(special.ndtri(0.5 + confidence / 2))
+    reach = float(scipy.special.ndtri(0.5 + confidence / 2))
     result = []
     for value, influence, floor in (
         (skewness, on_skewness, 6.0),
@@ -287,7 +287,7 @@ def _distance(counts: Floats, grid: Floats, confidence: float) -> Estimate:
     """Return Kolmogorov's D; how far the blocks differ says how many samples count."""
     total = counts.sum()
     cumulative = np.cumsum(counts.sum(axis=0))[:-1] / total
-    off = np.abs(cumulative - special.ndtr(grid))
+    off = np.abs(cumulative - scipy.special.ndtr(grid))
     value = float(off.max())
     sizes = counts.sum(axis=1)
     error = 0.5 / math.sqrt(total)  # of the share of independent samples below the median

@@ -18,7 +18,7 @@ from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.deviations import confidence as trust
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
-from scipy import special
+import scipy
 
 SAME_RATE = 0.01
 """Relative difference of sample periods up to which averaging times are the same: the drift of
@@ -126,7 +126,7 @@ def scatter(estimates: Sequence[Estimate], confidence: float = CONFIDENCE) -> Sc
     values = [float(e.value) for e in known if e.value is not None]
     mean, std = sample_statistics(values, known[0].unit, confidence)
     half = [
-        0.5 * (e.high - e.low) / -float(special.ndtri(0.5 * (1.0 - e.confidence)))
+        0.5 * (e.high - e.low) / -float(scipy.special.ndtri(0.5 * (1.0 - e.confidence)))
         for e in known
         if e.low is not None and e.high is not None
     ]

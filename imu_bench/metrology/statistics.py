@@ -12,13 +12,15 @@ from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.moments import Moments
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-MAD_TO_SIGMA = 1.0 / float(special.ndtri(0.75))
-"""1.4826: standard deviation of a normal distribution over its median absolute deviation."""
+MAD_TO_SIGMA = 1.482602218505602
+"""
+Standard deviation of a normal distribution over its median absolute deviation: 1 / ndtri(3/4).
+"""
 
 LISTED_OUTLIERS = 1000
 """Indices of the largest outliers are kept, up to this many; all are counted."""
@@ -213,7 +215,7 @@ def outliers(data: npt.ArrayLike) -> Outliers:
     if values.size == 0:
         raise DataError('no samples: no outliers to look for')
     centre, scale = _robust(values)
-    limit = max(3.5, -float(special.ndtri(0.05 / 2.0 / values.size)))
+    limit = max(3.5, -float(scipy.special.ndtri(0.05 / 2.0 / values.size)))
     threshold = limit * scale
     chosen: list[npt.NDArray[np.int64]] = []
     for start in range(0, values.size, _PART):
@@ -280,6 +282,6 @@ def variance_ratio(
     value = (numerator.std.value / denominator.std.value) ** 2
     tail = (1.0 - confidence) / 2.0
     first, second = numerator.freedom, denominator.freedom
-    low = value / float(special.fdtri(first, second, 1.0 - tail))
-    high = value * float(special.fdtri(second, first, 1.0 - tail))
+    low = value / float(scipy.special.fdtri(first, second, 1.0 - tail))
+    high = value * float(scipy.special.fdtri(second, first, 1.0 - tail))
     return Estimate(value, low, high, '1', confidence, method='F distribution')

@@ -28,7 +28,7 @@ from imu_bench.metrology.fitting.uncertainty import Response, third_cumulant_in,
 from imu_bench.metrology.stretches import longest
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, special
+import scipy
 
 METHOD = 'Whittle likelihood of the periodogram'
 
@@ -191,7 +191,7 @@ def _comparable(a: Estimate, b: Estimate) -> bool:
 def _contradict(a: Estimate, b: Estimate, false_alarm: float) -> bool:
     """Return whether two estimates differ by more than chance gives with this probability."""
     small, large = sorted((a, b), key=lambda e: e.value or 0.0)
-    reach = -float(special.ndtri(0.5 * false_alarm))
+    reach = -float(scipy.special.ndtri(0.5 * false_alarm))
     if not large.value or not large.low or not small.high:
         return False
     down = math.log(large.value / large.low) / _deviations(large)
@@ -205,7 +205,7 @@ def _contradict(a: Estimate, b: Estimate, false_alarm: float) -> bool:
 
 def _deviations(estimate: Estimate) -> float:
     """Return half the width of an interval in standard deviations."""
-    return -float(special.ndtri(0.5 * (1.0 - estimate.confidence)))
+    return -float(scipy.special.ndtri(0.5 * (1.0 - estimate.confidence)))
 
 
 def _said(estimate: Estimate) -> str:
@@ -241,7 +241,7 @@ def _binned(
     n = x.size
     # periodic Hann: its transform is exactly three lines
     taper = 0.5 - 0.5 * np.cos(2.0 * np.pi / n * np.arange(n))
-    transform = fft.rfft((x - x.mean()) * taper)
+    transform = scipy.fft.rfft((x - x.mean()) * taper)
     power = np.abs(transform) ** 2 * (2.0 / (rate_hz * float(taper @ taper)))
     frequency = np.arange(power.size) * (rate_hz / n)
     # Nyquist has one degree of freedom instead of two

@@ -11,7 +11,7 @@ from imu_bench.metrology.deviations.greenhall import inverse_edf
 from imu_bench.metrology.estimate import check_confidence
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -131,8 +131,8 @@ def interval(
     half = np.asarray(degrees, np.float64) / 2.0
     tail = (1.0 - confidence) / 2.0
     # a chi-squared quantile is twice the inverse of the incomplete gamma function
-    low = value * np.sqrt(half / special.gammainccinv(half, tail))
-    high = value * np.sqrt(half / special.gammaincinv(half, tail))
+    low = value * np.sqrt(half / scipy.special.gammainccinv(half, tail))
+    high = value * np.sqrt(half / scipy.special.gammaincinv(half, tail))
     return low, high
 
 
@@ -152,7 +152,7 @@ def simple_interval(
     clusters = samples / np.asarray(m, np.float64)
     if np.any(clusters <= 1.0):
         raise DataError('the simple interval needs more samples than one average takes')
-    error = special.ndtri(0.5 + confidence / 2.0) / np.sqrt(2.0 * (clusters - 1.0))
+    error = scipy.special.ndtri(0.5 + confidence / 2.0) / np.sqrt(2.0 * (clusters - 1.0))
     return value * np.maximum(1.0 - error, 0.0), value * (1.0 + error)
 
 

@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -169,7 +169,9 @@ def _phase(lag: Floats, alpha: int) -> Floats:
     """Return the generalised autocovariance s_w of the phase, but for its sign: equation (7)."""
     distance = np.abs(lag)
     power = distance ** (3 - alpha)
-    return power if alpha % 2 == 0 else np.asarray(special.xlogy(power, distance), np.float64)
+    return (
+        power if alpha % 2 == 0 else np.asarray(scipy.special.xlogy(power, distance), np.float64)
+    )
 
 
 def _fractional(lag: Floats, delta: float) -> Floats:
@@ -184,7 +186,7 @@ def _fractional(lag: Floats, delta: float) -> Floats:
     roots = np.arange(1.0 - delta % 1.0, delta)
     product: Floats = np.prod(lag[..., None] ** 2 - roots**2, axis=-1)
     if delta % 1.0:
-        product *= special.digamma(lag + delta) + special.digamma(lag + 1.0 - delta)
+        product *= scipy.special.digamma(lag + delta) + scipy.special.digamma(lag + 1.0 - delta)
         return product
     product *= lag
     return product

@@ -30,6 +30,7 @@ from imu_bench.metrology.deviations.integral import cumulate, TOO_LARGE
 from imu_bench.metrology.stretches import stretches
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -153,9 +154,9 @@ def _of_full_averages(variance: Floats, m: Integers, excess: Floats, span: int) 
     columns = np.stack([(1.0 + excess[used]) / steps, steps**-2, steps**0, steps, steps**2])
     weights = np.sqrt(span / steps) / np.maximum(variance[used], TINY)
     scale = np.maximum(np.linalg.norm(columns * weights, axis=1), TINY)
-    from scipy import optimize  # 0.1 s of imports, and seldom needed
-
-    squares, _ = optimize.nnls((columns * weights / scale[:, None]).T, weights * variance[used])
+    squares, _ = scipy.optimize.nnls(
+        (columns * weights / scale[:, None]).T, weights * variance[used]
+    )
     white = squares[0] / scale[0]
     return np.asarray(np.maximum(variance - excess * white / m, 0.5 * variance), np.float64)
 

@@ -21,7 +21,7 @@ from imu_bench.errors import DataError
 from imu_bench.metrology.deviations.allan_kernels import second_difference_sums
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -189,8 +189,8 @@ def mtie(phase: Floats, m: Sequence[int]) -> Floats:
     for factor in m:
         size = factor + 1
         inside = slice(size // 2, size // 2 + x.size - factor)
-        highest = ndimage.maximum_filter1d(x, size)[inside]
-        found.append(float(np.max(highest - ndimage.minimum_filter1d(x, size)[inside])))
+        highest = scipy.ndimage.maximum_filter1d(x, size)[inside]
+        found.append(float(np.max(highest - scipy.ndimage.minimum_filter1d(x, size)[inside])))
     return np.array(found)
 
 

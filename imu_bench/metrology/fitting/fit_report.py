@@ -22,7 +22,7 @@ from imu_bench.metrology.fitting.noise_model import (
 from imu_bench.metrology.fitting.record_length import seconds_needed, TARGET
 from imu_bench.metrology.fitting.uncertainty import respond, Response
 import numpy as np
-from scipy import special
+import scipy
 
 _WIDEST = 20.0
 """Logarithm of cutoff over sample rate beyond which nobody reads an end of an interval."""
@@ -101,7 +101,7 @@ class Report:
         low, high = answers['G'].interval(self.confidence)
         q_c = self._root(value, [low], [high]).scaled(problem.scale, unit)
         # the further column is linear in ln T_c
-        reach = float(special.ndtri(0.5 + 0.5 * self.confidence)) * answers['T'].spread(0.0)
+        reach = float(scipy.special.ndtri(0.5 + 0.5 * self.confidence)) * answers['T'].spread(0.0)
         ratio = math.exp(min(reach, 20.0))
         return GaussMarkov(
             q_c, Estimate(time, time / ratio, time * ratio, 's', self.confidence, method=METHOD)
@@ -114,7 +114,7 @@ class Report:
             return None
         models = [(self.problem, self.choice.best)]
         models += [(r.problem, r.solutions[r.solutions.likeliest]) for r in self.chosen.alike]
-        reach = float(special.ndtri(0.5 + 0.5 * self.confidence))
+        reach = float(scipy.special.ndtri(0.5 + 0.5 * self.confidence))
         cutoffs = []
         for problem, fitted in models:
             answer = respond(problem, fitted, widening=self.chosen.widening).get('F')

@@ -15,7 +15,7 @@ from itertools import product
 from imu_bench.metrology.curve import Floats
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Bools = npt.NDArray[np.bool_]
 
@@ -84,5 +84,5 @@ def minus_two_log_likelihood(
     """Return −2 ln L of σ² χ²_ν/ν, without its constant."""
     half = 0.5 * degrees
     ratio = data / np.maximum(model, 0.01 * data)
-    log_density = half * (np.log(half * ratio) - ratio) - special.gammaln(half)
+    log_density = half * (np.log(half * ratio) - ratio) - scipy.special.gammaln(half)
     return np.asarray(-2.0 * (log_density * counts).sum(axis=-1), np.float64)

@@ -15,6 +15,7 @@ from imu_bench.metrology.curve import Floats
 from imu_bench.metrology.fitting.model_fit import Problem, TINY
 from imu_bench.metrology.fitting.scoring import granted
 import numpy as np
+import scipy
 
 MISFIT = 3.0
 """Mean squared residual above which a model does not describe a curve."""
@@ -82,8 +83,6 @@ def glance(
     problem: Problem, degrees: Floats, columns: Floats | None = None, passes: int = PASSES
 ) -> Glance:
     """Return what non-negative sums of the terms leave of a curve."""
-    from scipy import optimize  # 0.1 s of imports, and often not needed
-
     columns = problem.basis if columns is None else columns
     data = problem.variance
     exact = np.sqrt(0.5 * granted(degrees))
@@ -92,7 +91,7 @@ def glance(
     for _ in range(passes):
         weighted = columns * (weights / model)
         scale = 1.0 / np.sqrt((weighted**2).sum(axis=1) + TINY)
-        squares, _ = optimize.nnls(
+        squares, _ = scipy.optimize.nnls(
             (weighted * scale[:, None]).T, weights * data / model, maxiter=50 * len(columns)
         )
         model = np.maximum((squares * scale) @ columns, _LEAST * data)

@@ -19,7 +19,7 @@ from imu_bench.metrology.fitting.model_fit import Fitted, Problem, ramp_leverage
 from imu_bench.metrology.fitting.scoring import granted
 import numpy as np
 from numpy.polynomial import polynomial
-from scipy import special
+import scipy
 
 _STEPS = np.sinh(np.linspace(-5.0, 9.0, 180))
 """Trial values around an estimate, in standard deviations: fine near it, far out at the ends."""
@@ -87,8 +87,10 @@ def pearson3_below(z: Floats, skewness: Floats) -> Floats:
     shape = 4.0 / np.where(flat, 1.0, skewness) ** 2
     # z in units of a gamma variable of this shape, mirrored for negative skewness
     gamma = np.maximum(shape + 2.0 * z / np.where(flat, 1.0, skewness), 0.0)
-    right = np.where(skewness > 0, special.gammainc(shape, gamma), special.gammaincc(shape, gamma))
-    result: Floats = np.where(flat, special.ndtr(z), right)
+    right = np.where(
+        skewness > 0, scipy.special.gammainc(shape, gamma), scipy.special.gammaincc(shape, gamma)
+    )
+    result: Floats = np.where(flat, scipy.special.ndtr(z), right)
     return result
 
 

@@ -23,7 +23,7 @@ from imu_bench.metrology.likelihood.cosines import Bins, Cosines
 from imu_bench.metrology.likelihood.events import Event
 from imu_bench.metrology.whittle import Binned, estimate, response
 import numpy as np
-from scipy import special
+import scipy
 
 METHOD = 'likelihood of the cosine transform'
 
@@ -329,7 +329,7 @@ def _shape(bins: Bins, one: Candidate, unit: str, confidence: float) -> Estimate
     """Return the correlation time or exponent of a model."""
     binned, squares, letters = _binned(bins, one)
     spread = response(binned, squares, letters.index('T')).spread(0.0)
-    ratio = math.exp(min(float(special.ndtri(0.5 + 0.5 * confidence)) * spread, 20.0))
+    ratio = math.exp(min(float(scipy.special.ndtri(0.5 + 0.5 * confidence)) * spread, 20.0))
     return Estimate(
         one.shape, one.shape / ratio, one.shape * ratio, unit, confidence, method=METHOD
     )

@@ -16,7 +16,7 @@ import math
 from imu_bench.metrology import workspace
 from imu_bench.metrology.curve import Floats
 import numpy as np
-from scipy import fft
+import scipy
 
 BINS_PER_E = 8
 """Bins per factor e of frequency: finer than any feature of a noise."""
@@ -47,7 +47,7 @@ class Cosines:
     @classmethod
     def of(cls, values: Floats, rate_hz: float, size: int = 1) -> Cosines:
         """Return the transform of values without gaps."""
-        return cls(np.asarray(fft.dct(values, norm='ortho')[1:]), rate_hz, size)
+        return cls(np.asarray(scipy.fft.dct(values, norm='ortho')[1:]), rate_hz, size)
 
     @property
     def span(self) -> float:

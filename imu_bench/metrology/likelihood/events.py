@@ -16,7 +16,7 @@ from imu_bench.metrology.curve import Floats
 from imu_bench.metrology.likelihood.candidates import again, Candidate
 from imu_bench.metrology.likelihood.cosines import Cosines, SLOWEST
 import numpy as np
-from scipy import fft
+import scipy
 
 NEEDED = {
     'step': (22.0, 28.0),
@@ -105,7 +105,7 @@ def _variance(slow: Cosines, model: Candidate, top: float) -> Floats:
 
 def _line(slow: Cosines, variance: Floats) -> tuple[Event, Floats]:
     """Return the likeliest straight line, and its transform."""
-    shape = fft.dct(np.arange(slow.terms.size + 1) / slow.rate_hz, norm='ortho')[1:]
+    shape = scipy.fft.dct(np.arange(slow.terms.size + 1) / slow.rate_hz, norm='ortho')[1:]
     power = float(shape @ (shape / variance))
     matched = float(shape @ (slow.terms / variance))
     return Event('line', matched / power, 0.0, matched**2 / power), shape * (matched / power)
@@ -139,7 +139,7 @@ def _coarse(n: int) -> tuple[Floats, Floats]:
 
 def _exponentials(n: int, times: Floats) -> Floats:
     return np.asarray(
-        fft.dct(np.exp(-(np.arange(n) + 0.5) / times[:, None]), norm='ortho', axis=1)[:, 1:]
+        scipy.fft.dct(np.exp(-(np.arange(n) + 0.5) / times[:, None]), norm='ortho', axis=1)[:, 1:]
     )
 
 
@@ -149,10 +149,10 @@ def _step(slow: Cosines, variance: Floats) -> tuple[Event, Floats]:
     angle = np.arange(1, n) * (np.pi / n)
     # a step at the start of value j has the terms −√(2/n) sin(kjπ/n)/(2 sin(kπ/2n))
     shape = -math.sqrt(2.0 / n) / (2.0 * np.sin(0.5 * angle))
-    matched = 0.5 * fft.dst(slow.terms * shape / variance, type=1)
+    matched = 0.5 * scipy.fft.dst(slow.terms * shape / variance, type=1)
     weight = shape**2 / variance
     # Σ w sin² = Σ w (1 − cos(2kjπ/n))/2
-    turned = fft.fft(np.concatenate([[0.0], weight])).real[1:]
+    turned = scipy.fft.fft(np.concatenate([[0.0], weight])).real[1:]
     power = np.maximum(0.5 * (weight.sum() - turned), 1e-12 * weight.sum())
     score = matched**2 / power
     score[: _EDGE - 1] = score[n - _EDGE :] = 0.0
@@ -170,9 +170,9 @@ def _cycles(slow: Cosines, variance: Floats) -> list[tuple[Event, Floats]]:
     noise rises to it.
     """
     n = slow.terms.size + 1
-    values = fft.idct(np.concatenate([[0.0], slow.terms]), norm='ortho')
+    values = scipy.fft.idct(np.concatenate([[0.0], slow.terms]), norm='ortho')
     taper = np.sin(np.pi * (np.arange(n) + 0.5) / n)
-    seen = np.abs(fft.rfft(values * taper, 2 * n)[1:-1]) ** 2
+    seen = np.abs(scipy.fft.rfft(values * taper, 2 * n)[1:-1]) ** 2
     seen[: math.ceil(2.0 * LEAST_CYCLES) - 1] = 0.0
     seen[~np.isfinite(variance[: seen.size])] = 0.0
     places = {int(np.argmax(ratio)) + 1 for ratio in (seen / variance[: seen.size], seen)}
@@ -186,7 +186,9 @@ def _sine(slow: Cosines, variance: Floats, coarse: float) -> tuple[Event, Floats
     for shift in _SHIFTS:
         frequency = max(coarse + shift / (2.0 * n), LEAST_CYCLES / n)
         angle = 2.0 * np.pi * frequency * np.arange(n)
-        waves = fft.dct(np.stack([np.cos(angle), np.sin(angle)]), norm='ortho', axis=1)[:, 1:]
+        waves = scipy.fft.dct(np.stack([np.cos(angle), np.sin(angle)]), norm='ortho', axis=1)[
+            :, 1:
+        ]
         weighted = waves / variance
         amplitudes = np.linalg.solve(weighted @ waves.T, weighted @ slow.terms)
         gain = float(amplitudes @ (weighted @ slow.terms))

@@ -17,7 +17,7 @@ from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.markov.gauss_markov import Process
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, special
+import scipy
 
 _METHOD = 'autocorrelation'
 
@@ -142,9 +142,9 @@ def autocorrelation(
     x = _samples(data, rate_hz)
     x = x - x.mean()
     longest = x.size // 2 if longest_s is None else min(int(longest_s * rate_hz), x.size - 1)
-    size = fft.next_fast_len(x.size + longest + 1, real=True)
-    spectrum = fft.rfft(x, size)
-    value = fft.irfft(spectrum.real**2 + spectrum.imag**2, size)[: longest + 1] / x.size
+    size = scipy.fft.next_fast_len(x.size + longest + 1, real=True)
+    spectrum = scipy.fft.rfft(x, size)
+    value = scipy.fft.irfft(spectrum.real**2 + spectrum.imag**2, size)[: longest + 1] / x.size
     lag = np.arange(longest + 1) / rate_hz
     return Autocorrelation(lag, np.asarray(value, np.float64), unit, x.size / rate_hz)
 
@@ -198,7 +198,7 @@ def from_autocorrelation(correlation: Autocorrelation, *, confidence: float = CO
     time = float(lag[at - 1] + share * (lag[at] - lag[at - 1]))
     normalised = value[1 : at + 1] / start
     misfit = float(np.sqrt(np.mean((normalised - np.exp(-lag[1 : at + 1] / time)) ** 2)))
-    z = float(special.ndtri(0.5 + 0.5 * confidence))
+    z = float(scipy.special.ndtri(0.5 + 0.5 * confidence))
     share, hidden = time / correlation.span, _white_scatter(correlation, start)
     if hidden > _HIDDEN:
         reason = 'white noise hides the decay: average over longer blocks, or record longer'

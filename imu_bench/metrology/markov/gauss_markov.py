@@ -21,6 +21,7 @@ from imu_bench.metrology.fitting.noise_model import (
     GM_PEAK_TAU,
 )
 import numpy as np
+import scipy
 
 
 @dataclass(frozen=True)
@@ -76,13 +77,13 @@ class Process:
 
     def simulate(self, n: int, rate_hz: float, rng: np.random.Generator) -> Floats:
         """Return n samples, stationary from the first on."""
-        from scipy.signal import lfilter  # half of the start-up time, and seldom needed
-
         step = 1.0 / rate_hz
         drive = rng.standard_normal(n) * math.sqrt(self.driving_variance(step))
         if n:
             drive[0] *= self.sigma / math.sqrt(self.driving_variance(step))
-        return np.asarray(lfilter([1.0], [1.0, -self.transition(step)], drive), np.float64)
+        return np.asarray(
+            scipy.signal.lfilter([1.0], [1.0, -self.transition(step)], drive), np.float64
+        )
 
 
 def from_allan(

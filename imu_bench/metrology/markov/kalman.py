@@ -17,7 +17,7 @@ from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.markov.gauss_markov import Process
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Bools = npt.NDArray[np.bool_]
 
@@ -211,13 +211,11 @@ def _smoothed(drive: Floats, keep: float, before: float) -> Floats:
     As a system of equations with two diagonals: the import of scipy.signal, which has filters,
     takes longer than most recordings.
     """
-    from scipy.linalg import lapack  # takes longer than what most recordings need of it
-
     bands = np.empty((2, drive.size))
     bands[0], bands[1] = 1.0, -keep
     right = drive.copy()
     right[0] += keep * before
-    solved, _ = lapack.dtbtrs(bands, right[:, None], uplo='L')
+    solved, _ = scipy.linalg.lapack.dtbtrs(bands, right[:, None], uplo='L')
     return np.asarray(solved[:, 0], np.float64)
 
 
@@ -306,8 +304,8 @@ def rmse(
     # squares of a first-order process are correlated as r²
     degrees = max(difference.size * (1.0 - r**2) / (1.0 + r**2), 1.0)
     tail = 0.5 * (1.0 - confidence)
-    low = value * math.sqrt(degrees / special.chdtri(degrees, tail))
-    high = value * math.sqrt(degrees / special.chdtri(degrees, 1.0 - tail))
+    low = value * math.sqrt(degrees / scipy.special.chdtri(degrees, tail))
+    high = value * math.sqrt(degrees / scipy.special.chdtri(degrees, 1.0 - tail))
     return Estimate(value, low, high, unit, confidence, method='against the moving average')
 
 
@@ -339,4 +337,4 @@ def _ljung_box(x: Floats) -> float:
         return 1.0
     r = np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
     statistic = x.size * (x.size + 2) * float(np.sum(r**2 / (x.size - np.arange(1, lags + 1))))
-    return float(special.chdtrc(lags, statistic))
+    return float(scipy.special.chdtrc(lags, statistic))

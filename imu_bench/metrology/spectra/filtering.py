@@ -8,7 +8,7 @@ import math
 from imu_bench.errors import DataError
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage, signal
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def moving_average(data: npt.ArrayLike, steps: int) -> Floats:
         raise DataError(f'a moving average of {steps} steps over {values.size} samples')
     if steps == 1:
         return values
-    return np.asarray(ndimage.uniform_filter1d(values, steps, mode='nearest'), np.float64)
+    return np.asarray(scipy.ndimage.uniform_filter1d(values, steps, mode='nearest'), np.float64)
 
 
 def zero_phase(
@@ -92,10 +92,10 @@ def zero_phase(
                 f'a {kind[:-4]}-pass at {frequency:g} Hz needs a sample rate above '
                 f'{2.0 * frequency:g} Hz, not {rate_hz:g} Hz'
             )
-        sections = signal.butter(ORDER, _moved(frequency, rate_hz, kind), kind, output='sos')
+        sections = scipy.signal.butter(ORDER, _moved(frequency, rate_hz, kind), kind, output='sos')
         # three periods of the cut-off settle the beginning
         pad = min(values.size - 1, max(_SHORTEST, math.ceil(3.0 * rate_hz / frequency)))
-        values = signal.sosfiltfilt(sections, values, padlen=pad)
+        values = scipy.signal.sosfiltfilt(sections, values, padlen=pad)
     return np.asarray(values, np.float64)
 
 

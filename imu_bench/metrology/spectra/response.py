@@ -16,7 +16,7 @@ from imu_bench.errors import DataError
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, interpolate, signal, special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
@@ -141,7 +141,7 @@ def compare(
     Examples
     --------
     >>> rng = np.random.default_rng(1)
-    >>> x = signal.lfilter([1.0], [1.0, -0.5], rng.normal(size=40_000))
+    >>> x = scipy.signal.lfilter([1.0], [1.0, -0.5], rng.normal(size=40_000))
     >>> late = Trace(0.9 * np.roll(x, 30), 1000.0, 0.0)
     >>> found = compare(late, Trace(x, 1000.0, 0.0), resolution_hz=1.0, low_hz=5.0)
     >>> round(found.offset.value, 4), round(found.at(50.0).value, 2)
@@ -151,7 +151,7 @@ def compare(
     coarse = _coarse(sensor, reference, rate, low_hz, longest_offset_s)
     moved = replace(sensor, start_s=sensor.start_s - coarse)
     a, b = _common(moved, reference, rate)
-    length = int(fft.next_fast_len(round(rate / resolution_hz), real=True))
+    length = int(scipy.fft.next_fast_len(round(rate / resolution_hz), real=True))
     if a.size < 2 * length:
         raise DataError(
             f'they overlap for {a.size / rate:.3g} s; a resolution of {resolution_hz:g} Hz needs '
@@ -164,7 +164,7 @@ def compare(
     frequency, xx, yy, xy = frequency[keep], xx[keep], yy[keep], xy[keep]
     coherence = np.clip(np.abs(xy) ** 2 / (xx * yy), 1e-12, 1.0 - 1e-12)
     slope, error = _slope(frequency, xy, coherence, averages)
-    reach = float(special.ndtri(0.5 + confidence / 2.0))
+    reach = float(scipy.special.ndtri(0.5 + confidence / 2.0))
     late = coarse + slope
     offset = Estimate(
         late, late - reach * error, late + reach * error, 's', confidence,
@@ -188,8 +188,8 @@ def _coarse(
     step = 1.0 / rate
     a = _band(_resampled(sensor, sensor.start_s, rate), rate, low_hz)
     b = _band(_resampled(reference, reference.start_s, rate), rate, low_hz)
-    size = int(fft.next_fast_len(a.size + b.size, real=True))
-    product = fft.rfft(a, size) * np.conj(fft.rfft(b, size))
+    size = int(scipy.fft.next_fast_len(a.size + b.size, real=True))
+    product = scipy.fft.rfft(a, size) * np.conj(scipy.fft.rfft(b, size))
     lags = np.arange(size)
     lags[lags >= a.size] -= size
     # a lag of the arrays, and what their first samples lie apart
@@ -206,11 +206,11 @@ def _coarse(
     used = (bins >= low_hz * size / rate) & (bins <= USABLE * size)
     power = np.abs(product)
     white = np.where(used, product / np.maximum(power, np.finfo(float).tiny) ** _WHITENING, 0.0)
-    strength = np.abs(fft.irfft(white, size))
+    strength = np.abs(scipy.fft.irfft(white, size))
     best = int(np.argmax(np.where(allowed, strength, -1.0)))
     stands_out = float(strength[best]) > _SIGNIFICANT * math.sqrt(float(np.mean(strength**2)))
     energy = math.sqrt(float(a @ a) * float(b @ b))
-    alike = abs(float(fft.irfft(product, size)[best])) > _LEAST_CORRELATION * energy
+    alike = abs(float(scipy.fft.irfft(product, size)[best])) > _LEAST_CORRELATION * energy
     if energy == 0.0 or not (stands_out or alike):
         raise DataError('they show nothing in common: no time offset can be found')
     return float(late[best])
@@ -218,8 +218,8 @@ def _coarse(
 
 def _band(values: Floats, rate: float, low_hz: float) -> Floats:
     """Return the band that is compared, without its mean, fading at the ends."""
-    sections = signal.butter(2, 2.0 * low_hz / rate, 'highpass', output='sos')
-    pure = signal.sosfiltfilt(sections, values - values.mean())
+    sections = scipy.signal.butter(2, 2.0 * low_hz / rate, 'highpass', output='sos')
+    pure = scipy.signal.sosfiltfilt(sections, values - values.mean())
     # without a window the ends of both records are alike, and look like no offset at all
     return np.asarray(pure * np.hanning(pure.size), np.float64)
 
@@ -231,16 +231,16 @@ def _resampled(trace: Trace, start_s: float, rate: float, count: int | None = No
         # what lies above half the lower rate must not fold
         count_of_taps = 2 * math.ceil(0.5 * _TAPS * own / rate) + 1
         middle = (USABLE + 0.5) * rate / own
-        taps = signal.firwin(count_of_taps, middle, window=('kaiser', _KAISER))
-        values = signal.fftconvolve(values, taps, mode='same')
+        taps = scipy.signal.firwin(count_of_taps, middle, window=('kaiser', _KAISER))
+        values = scipy.signal.fftconvolve(values, taps, mode='same')
     up = max(1, math.ceil(_UPSAMPLED * rate / own / 2.0))
     if up > 1:
-        values = signal.resample_poly(values, up, 1)
+        values = scipy.signal.resample_poly(values, up, 1)
     if count is None:
         count = math.floor((trace.end_s - start_s) * rate) + 1
     wanted = start_s + np.arange(count) / rate
     at = (wanted - trace.start_s) * own * up
-    line = interpolate.CubicSpline(np.arange(values.size), values)
+    line = scipy.interpolate.CubicSpline(np.arange(values.size), values)
     return np.asarray(line(np.clip(at, 0, values.size - 1)), np.float64)
 
 
@@ -259,9 +259,9 @@ def _spectra(
 ) -> tuple[Floats, Floats, Floats, Complexes, float]:
     """Return frequency, both power spectra, the cross spectrum, and independent averages."""
     options = {'fs': rate, 'nperseg': length, 'noverlap': length - length // 2}
-    frequency, xx = signal.welch(x, **options)
-    _, yy = signal.welch(y, **options)
-    _, xy = signal.csd(x, y, **options)
+    frequency, xx = scipy.signal.welch(x, **options)
+    _, yy = scipy.signal.welch(y, **options)
+    _, xy = scipy.signal.csd(x, y, **options)
     segments = 1 + (x.size - length) // (length // 2)
     # P. D. Welch 1967: Hann segments that overlap by half are correlated by 1/6
     averages = segments / (1.0 + 2.0 / 36.0 * (1.0 - 1.0 / segments))

@@ -10,7 +10,7 @@ from imu_bench.errors import DataError
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -112,7 +112,7 @@ def snr(
     if power <= 0.0:
         raise DataError('the data hold no noise at all: no signal-to-noise ratio')
     error = _relative_error(noise, float(noise[peak]), signal, window, step)
-    half = _DECIBEL * error * float(special.ndtri(0.5 + confidence / 2.0))
+    half = _DECIBEL * error * float(scipy.special.ndtri(0.5 + confidence / 2.0))
     ratio = _DECIBEL * math.log(max(signal, np.finfo(float).tiny) / power)
     found = Estimate(
         ratio, ratio - half, ratio + half, 'dB', confidence, method='Kaiser β = 38 periodogram'
@@ -138,7 +138,7 @@ def _periodogram(values: Floats, window: Floats, rate_hz: float) -> Floats:
 
     The bin at 0 Hz is doubled like the others, so that the line there falls from its top.
     """
-    transform = fft.rfft(values * window)
+    transform = scipy.fft.rfft(values * window)
     density = (transform.real**2 + transform.imag**2) * 2.0 / (rate_hz * float(window @ window))
     if values.size % 2 == 0:
         density[-1] /= 2.0

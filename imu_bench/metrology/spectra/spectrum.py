@@ -19,7 +19,7 @@ from imu_bench.metrology.spectra.tones import Tone, tone_mask, tones
 from imu_bench.metrology.spectra.welch import psd, Spectrum
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 __all__ = [
     'NoiseDensities',
@@ -229,8 +229,8 @@ def plateau(
     uneven = _unevenness(bands, part, level)
     if span != (0, bands.density.size - 1):  # something bounds it, and reaches into it
         uneven += FLAT
-    low = level * (half / float(special.gammainccinv(half, tail)) - uneven)
-    high = level * (half / float(special.gammaincinv(half, tail)) + uneven)
+    low = level * (half / float(scipy.special.gammainccinv(half, tail)) - uneven)
+    high = level * (half / float(scipy.special.gammaincinv(half, tail)) + uneven)
     return Estimate(
         math.sqrt(level), math.sqrt(max(low, 0.0)), math.sqrt(high), unit, confidence,
         method=f'plateau {bands.low[span[0]]:.3g} Hz to {bands.high[span[1]]:.3g} Hz',

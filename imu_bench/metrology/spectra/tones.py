@@ -11,7 +11,7 @@ from imu_bench.metrology.spectra.welch import Spectrum
 from imu_bench.metrology.stretches import stretches
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage, special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -54,10 +54,12 @@ def floor(spectrum: Spectrum) -> Floats:
     decibel[-1] = decibel[-2:].max()  # the bin at half the rate may hold half the density
     size = decibel.size
     width = min(FLOOR_BINS, max(5, size // 8 * 2 + 1))
-    level = ndimage.median_filter(decibel, width, mode='mirror')
+    level = scipy.ndimage.median_filter(decibel, width, mode='mirror')
     narrow = width // 4  # the first bins take fewer neighbours, to follow noise that rises there
     while narrow >= 4:
-        nearer = ndimage.median_filter(decibel[: 4 * narrow], 2 * (narrow // 2) + 1, mode='mirror')
+        nearer = scipy.ndimage.median_filter(
+            decibel[: 4 * narrow], 2 * (narrow // 2) + 1, mode='mirror'
+        )
         level[:narrow] = nearer[:narrow]
         narrow //= 2
     # the median of a chi-squared variable lies below its mean: E. B. Wilson and M. M. Hilferty
@@ -127,7 +129,7 @@ def _lines(spectrum: Spectrum, level: Floats, false_alarm: float) -> list[tuple[
     half, own = np.unique(spectrum.edf / 2.0, return_inverse=True)
     # the floor is a median over a hundred bins: its own scatter counts as well
     scatter = 1.0 + 1.25 * np.sqrt(2.0 / spectrum.edf * np.pi / 2.0 / FLOOR_BINS)
-    limit = (special.gammainccinv(half, false_alarm / size) / half)[own] * scatter
+    limit = (scipy.special.gammainccinv(half, false_alarm / size) / half)[own] * scatter
     above = ratio > limit
     above[: min(3, size)] = False  # the mean was removed; nothing is measured here
     above[-1:] = False
@@ -147,7 +149,7 @@ def _measured(spectrum: Spectrum, level: Floats, peak: int, left: int, right: in
     near = np.clip(density[peak - 1 : peak + 2] - level[peak - 1 : peak + 2], 0.0, None)
     # a steady tone does not scatter from segment to segment, noise and their product do
     variance = (2.0 * level[bins] * line + level[bins] ** 2) * 2.0 / degrees[bins]
-    reach = float(special.ndtri(0.5 + spectrum.confidence / 2))
+    reach = float(scipy.special.ndtri(0.5 + spectrum.confidence / 2))
     # each bin is correlated with its neighbours: 1 + 2 (2/3 + 1/6) = 8/3 for amplitudes of
     # a Hann window, of which a line covers about three bins
     error = math.sqrt(float(variance.sum())) * spectrum.resolution * math.sqrt(8.0 / 3.0)

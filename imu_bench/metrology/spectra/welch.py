@@ -19,7 +19,7 @@ from imu_bench.metrology.estimate import check_confidence, CONFIDENCE
 from imu_bench.metrology.stretches import stretches
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -175,7 +175,7 @@ def _length(runs: list[tuple[int, int]], rate_hz: float, resolution_hz: float | 
                 f'a resolution of {resolution_hz:g} Hz needs a rate of '
                 f'{SHORTEST * resolution_hz:g} Hz or more, not {rate_hz:g} Hz'
             )
-        length = int(fft.next_fast_len(round(rate_hz / resolution_hz), real=True))
+        length = int(scipy.fft.next_fast_len(round(rate_hz / resolution_hz), real=True))
         if length > longest:
             raise DataError(
                 f'a resolution of {resolution_hz:g} Hz needs {length} samples without a gap; '
@@ -217,7 +217,7 @@ def _periodograms(
         if detrend == 'linear':
             part -= np.outer(part @ ramp, ramp)
         part *= window
-        transform = fft.rfft(part, axis=1, overwrite_x=True)
+        transform = scipy.fft.rfft(part, axis=1, overwrite_x=True)
         power = transform.real**2 + transform.imag**2
         if not np.all(np.isfinite(power[:, 0])):
             raise DataError('data hold values that are not finite; mark them in `valid`')
@@ -267,10 +267,10 @@ def _median_factors(freedom: float, groups: int) -> tuple[float, float]:
     """
     nodes, weights = np.polynomial.legendre.leggauss(2000)
     u, weights = 0.5 * (nodes + 1.0), 0.5 * weights
-    quantile = special.gammaincinv(freedom / 2.0, u) * 2.0 / freedom
+    quantile = scipy.special.gammaincinv(freedom / 2.0, u) * 2.0 / freedom
 
     log = 0.5 * (groups - 1) * (np.log(u) + np.log1p(-u))
-    density = weights * np.exp(log - special.betaln((groups + 1) / 2, (groups + 1) / 2))
+    density = weights * np.exp(log - scipy.special.betaln((groups + 1) / 2, (groups + 1) / 2))
     mean = float(density @ quantile)
     variance = float(density @ (quantile - mean) ** 2)
     return mean, 2.0 * mean**2 / variance
@@ -281,6 +281,6 @@ def _interval(density: Floats, degrees: Floats, confidence: float) -> tuple[Floa
     tail = (1.0 - confidence) / 2.0
     # all bins but one or two have the same degrees of freedom
     half, own = np.unique(degrees / 2.0, return_inverse=True)
-    low = density * (half / special.gammainccinv(half, tail))[own]
-    high = density * (half / special.gammaincinv(half, tail))[own]
+    low = density * (half / scipy.special.gammainccinv(half, tail))[own]
+    high = density * (half / scipy.special.gammaincinv(half, tail))[own]
     return low, high

@@ -18,7 +18,7 @@ from imu_bench.metrology.stamps.stamp_line import gap_lengths, Line
 from imu_bench.metrology.stamps.time_grid import Grid, grid, judge, Judged, period, place
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 __all__ = ['Gap', 'Grid', 'Timing', 'analyse', 'grid', 'period', 'place']
 
@@ -145,7 +145,7 @@ def _slips(judged: Judged, period: float) -> float:
     off = np.abs(steps - 1.0)
     spread = 1.4826 * float(np.median(off[off < 0.5])) if np.any(off < 0.5) else 0.5
     # of 360 000 samples none was feigned at a jitter of 0.2 periods, 4 at 0.25, 64 at 0.3
-    feigned = 4.0 * float(special.ndtr(-1.6 / max(spread, 1e-3)))
+    feigned = 4.0 * float(scipy.special.ndtr(-1.6 / max(spread, 1e-3)))
     return judged.breaks.size * hidden + judged.kept.size * feigned
 
 
@@ -156,7 +156,7 @@ def _rate(line: Line, slips: float, confidence: float) -> Estimate:
             'Hz', f'{line.samples} samples give a rate but not its uncertainty; record longer',
             confidence=confidence, method='stamps',
         )  # fmt: skip
-    reach = float(special.stdtrit(line.freedom, 0.5 * (1 + confidence)))
+    reach = float(scipy.special.stdtrit(line.freedom, 0.5 * (1 + confidence)))
     half = value * min(reach * line.error / line.period + slips / line.samples, 1.0)
     return Estimate(value, value - half, value + half, 'Hz', confidence, method='stamps')
 
@@ -194,7 +194,9 @@ def _intervals(judged: Judged, period: float, confidence: float) -> tuple[int, E
     else:  # freedom from the scatter of the blocks: no assumption on the kind of jitter
         scatter = float(np.sum((squares - variance * counts) ** 2)) / steps**2
         freedom = min(2.0 * variance**2 / scatter, steps - 1.0) if scatter > 0 else steps - 1.0
-    low_q, high_q = special.chdtri(max(freedom, 1.0), (0.5 + confidence / 2, 0.5 - confidence / 2))
+    low_q, high_q = scipy.special.chdtri(
+        max(freedom, 1.0), (0.5 + confidence / 2, 0.5 - confidence / 2)
+    )
     factor = math.sqrt(max(freedom, 1.0))
     return grouped, Estimate(
         value, value * factor / math.sqrt(high_q), value * factor / math.sqrt(low_q),

@@ -18,7 +18,7 @@ from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.moments import error_of_mean
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -96,7 +96,7 @@ def ratio_db(
         second, others = error_of_mean(denominator / bottom)
         error, freedom = math.hypot(first, second), min(freedom, others)
     value = _DECIBEL * math.log(top / bottom)
-    half = _DECIBEL * error * float(special.stdtrit(max(freedom, 1.0), 0.5 + confidence / 2))
+    half = _DECIBEL * error * float(scipy.special.stdtrit(max(freedom, 1.0), 0.5 + confidence / 2))
     return Estimate(value, value - half, value + half, 'dB', confidence, method='RMS of blocks')
 
 
@@ -159,9 +159,10 @@ def repeated(values: Sequence[Estimate], confidence: float = CONFIDENCE) -> Repe
         return Repeated(1, only, Estimate.not_observable(unit, reason, confidence=confidence))
     mean, spread = float(known.mean()), float(known.std(ddof=1))
     freedom, tail = known.size - 1, 0.5 * (1.0 - confidence)
-    half = spread / math.sqrt(known.size) * float(special.stdtrit(freedom, 1.0 - tail))
+    half = spread / math.sqrt(known.size) * float(scipy.special.stdtrit(freedom, 1.0 - tail))
     reach = [
-        spread * math.sqrt(freedom / float(special.chdtri(freedom, p))) for p in (tail, 1.0 - tail)
+        spread * math.sqrt(freedom / float(scipy.special.chdtri(freedom, p)))
+        for p in (tail, 1.0 - tail)
     ]
     return Repeated(
         int(known.size),

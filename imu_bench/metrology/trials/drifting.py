@@ -24,7 +24,7 @@ from imu_bench.metrology.combining import symmetric
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -97,21 +97,19 @@ class Regression:
 
     def _quantile(self, values: Floats, errors: Floats, part: float) -> float | None:
         """Return where Student's distributions of all mixtures together reach a probability."""
-        ends = values + errors * float(special.stdtrit(self.freedom, part))
+        ends = values + errors * float(scipy.special.stdtrit(self.freedom, part))
         low, high = float(ends.min()), float(ends.max())
         if errors.min() <= 0.0:
             return None
 
         def beyond(at: float) -> float:
-            reached = special.stdtr(self.freedom, (at - values) / errors)
+            reached = scipy.special.stdtr(self.freedom, (at - values) / errors)
             return float(self.weights @ reached) - part
 
         # all mixtures agree, or nearly: rounding decides about the signs
         if high - low <= 1e-9 * float(errors.max()) or beyond(low) * beyond(high) >= 0.0:
             return 0.5 * (low + high)
-        from scipy import optimize  # 0.1 s of imports, and not needed where all mixtures agree
-
-        return float(optimize.brentq(beyond, low, high, xtol=1e-4 * float(errors.min())))
+        return float(scipy.optimize.brentq(beyond, low, high, xtol=1e-4 * float(errors.min())))
 
 
 def regress(index: npt.ArrayLike, design: npt.ArrayLike, data: npt.ArrayLike) -> Regression:
@@ -196,7 +194,7 @@ def _shapes(count: int) -> Floats:
     step = 2.0 - 2.0 * np.cos(2.0 * np.pi * turns)
     parts = np.array(
         [
-            step * (special.zeta(power, turns) + special.zeta(power, 1.0 - turns))
+            step * (scipy.special.zeta(power, turns) + scipy.special.zeta(power, 1.0 - turns))
             for power in (2.0, 3.0, 4.0)
         ]
     )
@@ -217,10 +215,12 @@ def _whole(index: Integers, values: Floats) -> Floats:
 
 def _lines(index: Integers, values: Floats) -> Floats:
     """Return the cosine transform but for its first line, which a constant fills alone."""
-    return np.asarray(fft.dct(_whole(index, values), axis=0, norm='ortho')[1:], np.float64)
+    return np.asarray(scipy.fft.dct(_whole(index, values), axis=0, norm='ortho')[1:], np.float64)
 
 
 def _missing(index: Integers) -> Floats:
     """Return the transforms of unit values where values are missing, shape (k, gone)."""
     there = _whole(index, np.ones(index.size)) > 0.0
-    return np.asarray(fft.dct(np.eye(there.size)[:, ~there], axis=0, norm='ortho')[1:], np.float64)
+    return np.asarray(
+        scipy.fft.dct(np.eye(there.size)[:, ~there], axis=0, norm='ortho')[1:], np.float64
+    )

@@ -19,7 +19,7 @@ from imu_bench.metrology.spectra.welch import Spectrum
 from imu_bench.metrology.trials.vibration import dominant
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 Band = tuple[float, float]
@@ -115,13 +115,13 @@ def squared_envelope(data: npt.ArrayLike, rate_hz: float, band: Band) -> tuple[F
             f'an envelope of {low:g} to {high:g} Hz: give a band between 0 and half the rate of '
             f'{rate_hz:.5g} Hz'
         )
-    spectrum = fft.rfft(values - values.mean())
+    spectrum = scipy.fft.rfft(values - values.mean())
     step = rate_hz / values.size
     part = spectrum[math.ceil(low / step) : math.floor(high / step) + 1]
     if part.size < 2:
         raise DataError(f'{values.size} samples resolve nothing between {low:g} and {high:g} Hz')
-    size = int(fft.next_fast_len(2 * part.size))
-    analytic = fft.ifft(part, size) * (2.0 * size / values.size)
+    size = int(scipy.fft.next_fast_len(2 * part.size))
+    analytic = scipy.fft.ifft(part, size) * (2.0 * size / values.size)
     return analytic.real**2 + analytic.imag**2, size * step
 
 
@@ -336,4 +336,4 @@ def _others(count: int, near: float) -> float:
     """Return the probability of so many lines or more at the other multiples."""
     if count < 1:
         return 1.0
-    return float(special.betainc(count, _ORDERS - count, near))
+    return float(scipy.special.betainc(count, _ORDERS - count, near))

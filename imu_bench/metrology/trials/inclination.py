@@ -19,7 +19,7 @@ from imu_bench.metrology.curve import DeviationCurve
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -259,6 +259,6 @@ def smallest_step(curve: DeviationCurve, probability: float = 0.95) -> tuple[Est
     """
     if not 0.5 < probability < 1.0:
         raise DataError(f'probability must lie between 0.5 and 1, got {probability}')
-    limits = special.ndtri(0.5 + probability / 2.0) + special.ndtri(probability)
+    limits = scipy.special.ndtri(0.5 + probability / 2.0) + scipy.special.ndtri(probability)
     factor = math.sqrt(2.0) * float(limits)
     return tuple(curve.at(index).scaled(factor, curve.unit) for index in range(len(curve)))

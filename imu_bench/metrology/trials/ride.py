@@ -17,7 +17,7 @@ from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 from imu_bench.metrology.stretches import longest, stretches
 import numpy as np
 import numpy.typing as npt
-from scipy import integrate, ndimage, special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -181,15 +181,17 @@ def integrate_ride(
     period = 1.0 / rate_hz
     bias = float(inside.mean())
     pure = inside - bias
-    velocity = integrate.cumulative_trapezoid(pure, dx=period, initial=0.0)
-    displacement = integrate.cumulative_trapezoid(velocity, dx=period, initial=0.0)
+    velocity = scipy.integrate.cumulative_trapezoid(pure, dx=period, initial=0.0)
+    displacement = scipy.integrate.cumulative_trapezoid(velocity, dx=period, initial=0.0)
     duration = inside.size * period
-    reach = float(special.ndtri(0.5 + confidence / 2.0))
+    reach = float(scipy.special.ndtri(0.5 + confidence / 2.0))
     density, rest, known = _at_rest(values, rate_hz, span)
     drift = (bias - rest) * duration if known else 0.0
     fast = math.hypot(0.5 * density * math.sqrt(duration), 0.5 * drift)
     far = math.hypot(density * duration**1.5, drift * duration) / math.sqrt(12.0)
-    smooth = ndimage.uniform_filter1d(pure, max(1, round(SMOOTHING_S * rate_hz)), mode='nearest')
+    smooth = scipy.ndimage.uniform_filter1d(
+        pure, max(1, round(SMOOTHING_S * rate_hz)), mode='nearest'
+    )
     error = _PEAK_REACH * density / math.sqrt(SMOOTHING_S)
     highest = float(np.abs(smooth).max())
     top = float(velocity[np.argmax(np.abs(velocity))])

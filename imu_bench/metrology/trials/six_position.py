@@ -26,7 +26,7 @@ from imu_bench.metrology.moments import Moments
 from imu_bench.units import STANDARD_GRAVITY
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize, special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -271,7 +271,7 @@ def _tilt(
 
 
 def _student(freedom: float, confidence: float) -> float:
-    return float(special.stdtrit(freedom, 0.5 + confidence / 2.0))
+    return float(scipy.special.stdtrit(freedom, 0.5 + confidence / 2.0))
 
 
 def _plus_minus(value: float, half: float, unit: str, confidence: float) -> Estimate:
@@ -324,7 +324,7 @@ def any_positions(
         return np.asarray(np.linalg.norm(true, axis=0) - 1.0, np.float64)
 
     start = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    found = optimize.least_squares(off, start, method='lm', xtol=1e-12, ftol=1e-14)
+    found = scipy.optimize.least_squares(off, start, method='lm', xtol=1e-12, ftol=1e-14)
     least = float(np.linalg.svd(found.jac, compute_uv=False)[-1]) / math.sqrt(len(raw))
     if least < _OBSERVABLE:
         raise DataError(

@@ -11,7 +11,7 @@ from imu_bench.errors import DataError
 from imu_bench.metrology.statistics import MAD_TO_SIGMA
 import numpy as np
 import numpy.typing as npt
-from scipy import signal
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -135,7 +135,7 @@ def _changes(means: Floats, limit: float) -> list[int]:
     middle = np.median(windows, axis=1)
     jump = np.abs(middle[BESIDE:] - middle[:-BESIDE])
     # zeros at the ends, so that a step near the start or the end is a peak too
-    peaks, _ = signal.find_peaks(np.pad(jump, 1), height=limit, distance=BESIDE // 2)
+    peaks, _ = scipy.signal.find_peaks(np.pad(jump, 1), height=limit, distance=BESIDE // 2)
     return [int(peak) - 1 + BESIDE for peak in peaks]
 
 

@@ -20,7 +20,7 @@ from imu_bench.metrology.trials.six_position import AXES, Calibration, Held
 from imu_bench.metrology.trials.still import Position
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -205,7 +205,7 @@ def gyroscope(
     >>> round(found.scale_error[0].value, 4), found.scale_error[1].observable
     (0.0027, False)
     """
-    quantile = float(special.ndtri(0.5 + confidence / 2.0))
+    quantile = float(scipy.special.ndtri(0.5 + confidence / 2.0))
     columns = {
         axis: made
         for axis in AXES

@@ -15,7 +15,7 @@ from imu_bench.metrology.spectra.welch import psd, Spectrum
 from imu_bench.metrology.statistics import describe
 import numpy as np
 import numpy.typing as npt
-from scipy import integrate, special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -124,7 +124,7 @@ def integrals(data: npt.ArrayLike, rate_hz: float, high_pass: float) -> tuple[Fl
     pure = zero_phase(values - values.mean(), rate_hz, high_pass=high_pass)
     steps = []
     for _ in range(2):
-        pure = integrate.cumulative_trapezoid(pure, dx=period, initial=0.0)
+        pure = scipy.integrate.cumulative_trapezoid(pure, dx=period, initial=0.0)
         pure = zero_phase(pure - pure.mean(), rate_hz, high_pass=high_pass)
         steps.append(pure.copy())
     edge = min(values.size // 4, round(rate_hz / high_pass))
@@ -234,7 +234,7 @@ def _wider(estimate: Estimate, middle: float, parts: Sequence[float]) -> Estimat
         return estimate
     confidence, count = estimate.confidence, len(parts)
     error = float(np.std(parts, ddof=1)) / math.sqrt(count)
-    half = error * float(special.stdtrit(count - 1, 0.5 + confidence / 2.0))
+    half = error * float(scipy.special.stdtrit(count - 1, 0.5 + confidence / 2.0))
     if half <= 0.5 * (estimate.high - estimate.low):
         return estimate
     low = middle - half if estimate.unit == 'Hz' else max(middle - half, 0.0)
@@ -316,7 +316,9 @@ def _chance(members: int, found: Sequence[Tone], base: Estimate, tolerance_hz: f
     others = len(near) - 1
     # the strongest tone is at a multiple by construction
     share = min(float(np.mean(near)), 1.0)
-    return float(special.betainc(members - 1, others - members + 2, share)) if others else 1.0
+    return (
+        float(scipy.special.betainc(members - 1, others - members + 2, share)) if others else 1.0
+    )
 
 
 def _reach(tone: Tone, base: Estimate, order: int, most: float) -> float:

@@ -10,7 +10,7 @@ import math
 from imu_bench.metrology.estimate import CONFIDENCE, Estimate
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -76,9 +76,7 @@ def _exponential(t: Floats, y: Floats, rise: float, confidence: float) -> WarmUp
 
     guess = np.array([y[-1], rise, math.log(t[-1] / 4.0)])
     bounds = ([-np.inf, -np.inf, math.log(t[1])], [np.inf, np.inf, math.log(10.0 * t[-1])])
-    from scipy import optimize  # 0.1 s of imports, which what only regresses does not need
-
-    found = optimize.least_squares(settling, guess, bounds=bounds)
+    found = scipy.optimize.least_squares(settling, guess, bounds=bounds)
     freedom = t.size - 3
     # quantised readings repeat themselves: count only those that differ
     fresh = max(int(np.unique(y).size), 4)
@@ -93,5 +91,5 @@ def _exponential(t: Floats, y: Floats, rise: float, confidence: float) -> WarmUp
 def _with(
     value: float, variance: float, unit: str, confidence: float, to: Callable[[float], float]
 ) -> Estimate:
-    half = math.sqrt(max(variance, 0.0)) * float(special.ndtri(0.5 + confidence / 2.0))
+    half = math.sqrt(max(variance, 0.0)) * float(scipy.special.ndtri(0.5 + confidence / 2.0))
     return Estimate(to(value), to(value - half), to(value + half), unit, confidence)

@@ -20,7 +20,7 @@ from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.offline.analysis.typed import fields_of, plain
 import numpy as np
 import numpy.typing as npt
-from scipy import special
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -83,7 +83,7 @@ class DriftModel:
             reason = strength.reason or time.reason
             return cls(time, Estimate.not_observable(unit, reason, method=time.method), strength)
         value = strength.value * math.sqrt(0.5 * time.value)
-        z = float(special.ndtri(0.5 + 0.5 * strength.confidence))
+        z = float(scipy.special.ndtri(0.5 + 0.5 * strength.confidence))
         factor = math.exp(z * math.sqrt(0.5 * time.value / span_s))
         low, high = value / factor, value * factor
         if strength.low and strength.high and time.low and time.high:

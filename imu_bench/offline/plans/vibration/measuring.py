@@ -29,7 +29,7 @@ from imu_bench.units import STANDARD_GRAVITY
 from msg_conversions.quantities import AXES, LINEAR_ACCELERATION
 import numpy as np
 import numpy.typing as npt
-from scipy import signal
+import scipy
 
 Floats = npt.NDArray[np.float64]
 
@@ -302,7 +302,7 @@ def spectrogram(values: Floats, rate_hz: float, resolution_hz: float, highest_hz
     """Return the spectrogram of a signal up to a frequency: density in dB above 1 (m/s²)²/Hz."""
     length = min(values.size // 4, max(32, round(rate_hz / resolution_hz)))
     step = max(1, length // 2, (values.size - length) // COLUMNS)
-    frequency, time, density = signal.spectrogram(
+    frequency, time, density = scipy.signal.spectrogram(
         values, rate_hz, window='hann', nperseg=length, noverlap=max(0, length - step)
     )
     shown = frequency <= highest_hz
