@@ -161,7 +161,8 @@ class MappedLimit:
 
     def __enter__(self) -> MappedLimit:
         if hasattr(mmap, 'MADV_DONTNEED') and _STATISTICS.exists():
-            self._limit += _mapped_bytes()
+            with _STATISTICS.open('rb') as statistics:
+                self._limit += _mapped_bytes(statistics.fileno())
             self._thread.start()
         return self
 
@@ -171,11 +172,12 @@ class MappedLimit:
             self._thread.join()
 
     def _watch(self) -> None:
-        while not self._done.wait(_WATCH_S):
-            if _mapped_bytes() > self._limit:
-                release()
+        with _STATISTICS.open('rb') as statistics:
+            while not self._done.wait(_WATCH_S):
+                if _mapped_bytes(statistics.fileno()) > self._limit:
+                    release()
 
 
-def _mapped_bytes() -> int:
+def _mapped_bytes(statistics: int) -> int:
     """Return the resident bytes of files: proc(5), /proc/pid/statm, third field."""
-    return int(_STATISTICS.read_bytes().split()[2]) * mmap.PAGESIZE
+    return int(os.pread(statistics, 100, 0).split()[2]) * mmap.PAGESIZE
