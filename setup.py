@@ -64,6 +64,7 @@ setup(
         'docs': DOCS,
         'figures': ['matplotlib>=3.8'],
         'notebook': ['pandas>=2.0', 'xarray>=2023.6', 'matplotlib>=3.8'],
+        'fast': ['isal>=1.5'],
         'cluster': ['distributed>=2024.1'],
         'daqhats': ['daqhats>=1.4'],  # MCC 172; its C library comes from the maker
         'test': [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""zstd, lz4 and bz2, whole or cut off, with a limit on what comes out."""
+"""zstd, lz4 and bz2, whole or cut off, with a limit on what comes out; checksums."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ import sys
 from typing import Any, BinaryIO
 
 from imu_bench.errors import needed, RecordingError
+
+try:
+    from isal import isal_zlib as zlib
+except ImportError:  # whose checksum takes some fifteen times as long: docs/decisions/0031
+    import zlib  # type: ignore[no-redef]
 
 MAX_EXPANDED = 1 << 27
 """Bytes of a chunk, at most: two of them and what is made of them fit into half a gigabyte."""
@@ -59,6 +64,18 @@ def _lz4() -> Any:
 def _damaged(algorithm: str) -> tuple[type[Exception], ...]:
     """Return what a decompressor raises for damaged data."""
     return (RuntimeError, EOFError, OSError, *([_zstd().ZstdError] if algorithm == 'zstd' else []))
+
+
+def crc32(data: bytes | bytearray | memoryview) -> int:
+    """
+    Return the checksum that mcap stores.
+
+    Examples
+    --------
+    >>> hex(crc32(b'123456789'))
+    '0xcbf43926'
+    """
+    return zlib.crc32(data)
 
 
 def expand(

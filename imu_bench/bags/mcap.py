@@ -12,13 +12,12 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 import struct
 from typing import BinaryIO
-import zlib
 
 from imu_bench.bags import mcap_records as rec
 from imu_bench.bags.ahead import ahead
 from imu_bench.bags.block import Block, Channel
 from imu_bench.bags.buffers import Buffer
-from imu_bench.bags.compression import MAX_EXPANDED
+from imu_bench.bags.compression import crc32, MAX_EXPANDED
 from imu_bench.bags.mcap_chunks import (
     Found,
     grouped,
@@ -191,7 +190,7 @@ class McapFile:
         section = self._read(file, start, self._size - start)
         checked = len(section) - len(rec.MAGIC) - 4
         try:
-            if crc and zlib.crc32(memoryview(section)[:checked]) != crc:
+            if crc and crc32(memoryview(section)[:checked]) != crc:
                 raise RecordingError('summary damaged: its checksum does not match')
             return rec.parse_summary(section, start)
         except RecordingError as problem:

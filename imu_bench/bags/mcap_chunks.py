@@ -13,11 +13,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 import struct
 from typing import BinaryIO, NamedTuple
-import zlib
 
 from imu_bench.bags import mcap_records as rec
 from imu_bench.bags.buffers import Buffer, Ints, table
-from imu_bench.bags.compression import expand, expand_part, MAX_EXPANDED
+from imu_bench.bags.compression import crc32, expand, expand_part, MAX_EXPANDED
 from imu_bench.errors import RecordingError
 import numpy as np
 
@@ -136,7 +135,7 @@ def load_chunk(
             return Chunk(place, expand_part(chunk.records, chunk.compression), index)
         index = _message_indexes(data, place.length)
         buffer = expand(chunk.records, chunk.compression, chunk.size)
-        if chunk.crc and zlib.crc32(buffer) != chunk.crc:
+        if chunk.crc and crc32(buffer) != chunk.crc:
             raise RecordingError('its checksum does not match')
     except (RecordingError, struct.error, ValueError) as problem:
         lost = sum(offsets.size for offsets in index.values())

@@ -13,10 +13,9 @@ from dataclasses import dataclass, field
 import os
 from pathlib import Path
 import struct
-import zlib
 
 from imu_bench.bags import mcap_records as rec
-from imu_bench.bags.compression import compress
+from imu_bench.bags.compression import compress, crc32
 from imu_bench.bags.topic_info import NEVER, TopicInfo
 import numpy as np
 import numpy.typing as npt
@@ -135,7 +134,7 @@ class McapWriter:
             start = self.size + len(end)
             tail = summary + offsets
             footer = struct.pack('<BQQQ', rec.FOOTER, 20, start, start + len(summary))
-            crc = zlib.crc32(tail + footer)
+            crc = crc32(tail + footer)
             self._append(end + tail + footer + struct.pack('<I', crc) + rec.MAGIC)
         finally:
             self._file.close()
@@ -179,7 +178,7 @@ class McapWriter:
         first, last = (chunk.first, chunk.last) if chunk.index else (0, 0)
         plain = bytes(chunk.records)
         packed = compress(plain) if self._compression else plain
-        content = struct.pack('<QQQI', first, last, len(plain), zlib.crc32(plain))
+        content = struct.pack('<QQQI', first, last, len(plain), crc32(plain))
         content += _string(self._compression) + struct.pack('<Q', len(packed)) + packed
         record = _record(rec.CHUNK, content)
         start = self.size

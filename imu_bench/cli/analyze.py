@@ -143,9 +143,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _analyse(arguments: argparse.Namespace) -> int:
     # imported here and below: help must not wait for scipy, nor reading for the report
-    from imu_bench.offline.running import one_thread_each
+    from imu_bench.offline.running import keep_freed_memory, one_thread_each
 
     one_thread_each()
+    keep_freed_memory()
     from imu_bench.offline.analysis.pairing import joined
     from imu_bench.offline.analysis.settings import Settings
     from imu_bench.offline.recordings import grouped

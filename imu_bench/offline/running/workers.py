@@ -19,7 +19,7 @@ from typing import Any, cast, Generic, Protocol, TypeVar
 
 from imu_bench.errors import BenchError, RecordingError
 from imu_bench.offline import stages
-from imu_bench.offline.running import one_thread_each
+from imu_bench.offline.running import keep_freed_memory, one_thread_each
 from imu_bench.offline.running.mapped import attach, locate, MappedLimit
 import numpy as np
 import numpy.typing as npt
@@ -188,6 +188,7 @@ def _begin(mapped: int) -> None:
     """Prepare a process that may hold so many bytes of mapped columns."""
     gc.freeze()  # what was imported stays, and results hold no cycles to look for
     gc.set_threshold(100_000, 20, 100)
+    keep_freed_memory()
     # Ctrl-C is for the one who gave the work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
