@@ -218,7 +218,8 @@ def normality(data: npt.ArrayLike, confidence: float = CONFIDENCE) -> Normality:
         part = slice(edges[block], edges[block + 1])
         first, second = z[part], square[part]
         every = first, second, second * first, second**2
-        powers[:, block] = [power.mean() for power in every]
+        # what mean() does, at a third of its price for so few numbers
+        powers[:, block] = [np.add.reduce(power) / power.size for power in every]
         counts[block] = np.bincount(places[part], minlength=grid.size + 1)
     skewness, kurtosis = _shape(powers, np.diff(edges), confidence)
     distance = _distance(counts, grid, confidence)

@@ -38,7 +38,12 @@ MOST_WITHIN_MEMORY = 10
 _ALL_MAPPED_BYTES, _LEAST_MAPPED_BYTES = 320 << 20, 16 << 20
 """What the processes together may hold, and what each needs to get on."""
 
-_PRELOADED = ('imu_bench.offline.analysis.recording', 'scipy.special', 'scipy.fft')
+_PRELOADED = (
+    'imu_bench.offline.analysis.recording',
+    'scipy.special',
+    'scipy.fft',
+    'scipy.ndimage',
+)
 """SciPy loads its parts when they are first used: here once for all processes."""
 
 
