@@ -8,7 +8,7 @@ from pathlib import Path
 from imu_bench.bags.topic_info import describe
 from imu_bench.bags.writer import BagWriter
 from msg_conversions import covariance
-from msg_conversions.templates import ImuTemplate
+from msg_conversions.encoding import ImuTemplate
 import numpy as np
 
 START_NS = 1_700_000_000_000_000_000

@@ -17,8 +17,8 @@ from imu_bench.offline.analysis.axis_result import AxisResult
 from imu_bench.offline.analysis.recording import analyse
 from imu_bench.samples import Samples
 from imu_bench.simulation.chip import SensorSource
-from imu_bench.simulation.expected import expected_coefficients, rounding_shows_noise
 from imu_bench.simulation.sensor_errors import Errors
+from imu_bench.simulation.simulated import expected_coefficients, rounding_shows_noise
 from msg_conversions.quantities import AXES, IMU_QUANTITIES
 from scipy.stats import binom
 

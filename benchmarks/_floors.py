@@ -18,7 +18,7 @@ from typing import Any
 
 from imu_bench.nodes import qos
 from msg_conversions import blocks, covariance
-from msg_conversions.templates import ImuTemplate
+from msg_conversions.encoding import ImuTemplate
 import numpy as np
 import rclpy
 from rclpy.callback_groups import CallbackGroup

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import struct
 
 from msg_conversions import covariance
-from msg_conversions.templates import ImuTemplate
+from msg_conversions.encoding import ImuTemplate
 import numpy as np
 import numpy.typing as npt
 

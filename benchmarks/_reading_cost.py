@@ -22,7 +22,7 @@ from imu_bench.bench import build, emulated_buses, GENERIC, load_bench
 from imu_bench.bus.clock import SystemClock
 from imu_bench.config import SensorConfig
 from imu_bench.config.location import config_file
-from imu_bench.emulators.waiting import Waiting
+from imu_bench.emulators.line import Waiting
 from imu_bench.simulation.clock import SimulatedClock
 
 SETTLING_S = 3.0

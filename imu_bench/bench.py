@@ -271,8 +271,7 @@ def simulate(sensor: SensorConfig, scenario: Scenario, *, run: int = 0) -> Simul
     """
     from imu_bench.simulation.clock import SimulatedClock, START_NS
     from imu_bench.simulation.simulated import SimulatedSensor
-    from imu_bench.simulation.typical import as_set
-    from imu_bench.simulation.world import errors_of, sensor_source
+    from imu_bench.simulation.world import as_set, errors_of, sensor_source
 
     plain = replace(sensor, backend='emulated', wire_recording='')
     device, _, _ = _assembled(plain, SimulatedClock(), None, None)
@@ -316,7 +315,7 @@ def _assembled(
     else:
         wire = shared_wire(sensor, clock)
         if isinstance(clock, SystemClock):
-            from imu_bench.emulators.waiting import Waiting
+            from imu_bench.emulators.line import Waiting
 
             clock = Waiting(clock)
         buses = _switched_on(sensor, clock, switched_on_ns, beginning, wire)

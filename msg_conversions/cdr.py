@@ -126,7 +126,7 @@ def decode_imu(blobs: Sequence[bytes]) -> ImuBlock:
 
     Examples
     --------
-    >>> from msg_conversions.templates import ImuTemplate
+    >>> from msg_conversions.encoding import ImuTemplate
     >>> template = ImuTemplate('imu_link', acceleration_covariance=covariance.UNKNOWN)
     >>> block = decode_imu(template.encode_imu([10, 20], [[0, 0, 9.8], [0, 0, 9.9]]))
     >>> block.stamps.tolist(), block.acceleration[:, 2].tolist(), block.has_angular_velocity
@@ -161,7 +161,7 @@ def decode_imu_at(
 
     Examples
     --------
-    >>> from msg_conversions.templates import ImuTemplate
+    >>> from msg_conversions.encoding import ImuTemplate
     >>> blob = ImuTemplate('imu_link').encode_imu([10], [[0, 0, 9.8]])[0]
     >>> decode_imu_at(b'...' + blob, [3], [len(blob)]).acceleration.tolist()
     [[0.0, 0.0, 9.8]]

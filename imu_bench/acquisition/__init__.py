@@ -6,10 +6,9 @@ From a driver to samples one can trust: each once, with its time, or counted as 
 sample was measured; `AcquisitionStats` says how well it goes.
 """
 
-from imu_bench.acquisition.aftermath import Aftermath, FaultWatch
 from imu_bench.acquisition.clock_model import ClockModel
 from imu_bench.acquisition.device import Device, Tape
-from imu_bench.acquisition.stats import AcquisitionStats
+from imu_bench.acquisition.stats import AcquisitionStats, Aftermath, FaultWatch
 from imu_bench.acquisition.thread import Acquisition
 
 __all__ = [

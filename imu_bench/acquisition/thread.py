@@ -10,13 +10,13 @@ import threading
 from imu_bench.acquisition import priority
 from imu_bench.acquisition.correction import Correct
 from imu_bench.acquisition.device import Device, NoTape, Tape
-from imu_bench.acquisition.schedule import Schedule
 from imu_bench.acquisition.stats import AcquisitionStats, error_of
 from imu_bench.acquisition.streams import (
     CountedStream,
     main_stream,
     PacedStream,
     PolledStream,
+    Schedule,
 )
 from imu_bench.bus.interface import Clock
 from imu_bench.errors import BenchError, NotReady, RecordingError, RecordingOver

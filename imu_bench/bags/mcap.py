@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Reading mcap files: whole chunks at a time, and what is left of a damaged file.
+Reading mcap files: whole chunks, the next ones ahead in threads, and what a damaged file has left.
 
 Source: MCAP format specification version 0, https://mcap.dev/spec.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+import os
 from pathlib import Path
 import struct
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
 
 from imu_bench.bags import mcap_records as rec
-from imu_bench.bags.ahead import ahead
 from imu_bench.bags.block import Block, Channel
 from imu_bench.bags.buffers import Buffer
 from imu_bench.bags.compression import crc32, MAX_EXPANDED
@@ -255,3 +256,50 @@ def _block(channel: Channel, buffer: Buffer, found: Found) -> Block:
         offsets=found.offsets + rec.MESSAGE_HEADER,
         sizes=found.sizes - rec.MESSAGE_HEADER,
     )
+
+
+Job = TypeVar('Job')
+Answer = TypeVar('Answer')
+
+THREADS = 2
+"""More do not help: somebody has to use what they bring."""
+
+_ROOM = 1 << 26
+"""Bytes of all answers together, that in use included, unless a single one is larger."""
+
+
+def ahead(work: Callable[[Job], Answer], jobs: Iterable[tuple[Job, int]]) -> Iterator[Answer]:
+    """
+    Yield the answers to some jobs in their order, a few jobs ahead of who asks.
+
+    Worth it where the work leaves the lock of the interpreter alone: decompression,
+    checksums, reading, large copies.
+    """
+    threads = max(1, min(THREADS, os.cpu_count() or 1))
+    coming = iter(jobs)
+    following = next(coming, None)
+    pool = ThreadPoolExecutor(threads)
+    waiting: deque[tuple[Future[Answer], int]] = deque()
+    taken = 0
+
+    def submit() -> None:
+        nonlocal following, taken
+        while following is not None and len(waiting) <= threads:
+            job, size = following
+            if taken and taken + size > _ROOM:
+                break
+            waiting.append((pool.submit(work, job), size))
+            taken += size
+            following = next(coming, None)
+
+    try:
+        submit()
+        while waiting:
+            future, size = waiting.popleft()
+            submit()
+            yield future.result()
+            del future
+            taken -= size
+            submit()
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the operating system's errno to an error that says where, what, and what to do."""
+"""Errors of a bus: what the operating system's errno says, what to do, and how many there were."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 import errno
 
+from imu_bench.bus.interface import RegisterBus
 from imu_bench.errors import BusBusy, BusError, ConfigError, NoAnswer, PermissionDenied
 
 _KINDS: dict[int, tuple[type[BusError], str]] = {
@@ -55,3 +57,39 @@ def library_of(package: str) -> Iterator[None]:
             f'{package} is needed to open this bus and cannot be imported ({error}); '
             f'"pip install {package}"'
         ) from error
+
+
+class CountingBus:
+    """
+    A RegisterBus around another one that counts 'bus_errors'.
+
+    Parameters
+    ----------
+    counters : Counter
+        Receives one count per failed transfer.
+    """
+
+    def __init__(self, bus: RegisterBus, counters: Counter[str]) -> None:
+        self.name = bus.name
+        self._bus = bus
+        self._counters = counters
+
+    def read(self, register: int, length: int) -> bytes:
+        """Return bytes from a register on, in one transaction."""
+        try:
+            return self._bus.read(register, length)
+        except BusError:
+            self._counters['bus_errors'] += 1
+            raise
+
+    def write(self, register: int, data: bytes) -> None:
+        """Write bytes from a register on, in one transaction."""
+        try:
+            self._bus.write(register, data)
+        except BusError:
+            self._counters['bus_errors'] += 1
+            raise
+
+    def close(self) -> None:
+        """Release the device."""
+        self._bus.close()

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
+import re
 from typing import Any, Protocol
 
 from imu_bench.config.calibration import Affine, CALIBRATION_SETTINGS, corrections
 from imu_bench.config.files import PARAMETERS, read_parameters
 from imu_bench.config.lines import LineSetting
-from imu_bench.config.mounting import mounting, MOUNTING_SETTINGS
 from imu_bench.config.schema import (
     check_all,
     Checkable,
@@ -24,7 +24,7 @@ from imu_bench.config.schema import (
 from imu_bench.config.simulated import SIMULATION_SETTINGS
 from imu_bench.errors import ConfigError, RecordingError
 from msg_conversions import covariance
-from msg_conversions.quantities import QUANTITIES
+from msg_conversions.quantities import AXES, QUANTITIES
 from msg_conversions.transforms import Mounting
 
 BACKENDS = ('hardware', 'emulated', 'recorded', 'iio')
@@ -35,6 +35,9 @@ STDDEVS = tuple(
 
 _POSITIVE = (0.0, inf)
 _STDDEV = 'Standard deviation to publish; 0 for unknown (REP-145).'
+
+_FRAME = re.compile(r'[A-Za-z0-9_][\w./-]*')
+"""tf2, BufferCore: no slash at the beginning, and not empty."""
 
 # fmt: off
 SENSOR_SETTINGS = (
@@ -59,7 +62,15 @@ SENSOR_SETTINGS = (
     Setting('orientation_stddev', 0.0, _STDDEV, bounds=_POSITIVE, unit='rad'),
     Setting('autostart', True, 'The node configures and activates itself.'),
     *CALIBRATION_SETTINGS,
-    *MOUNTING_SETTINGS,
+    Setting('mounting.parent', 'base_link', 'Frame in which the sensor has its place (REP-105).'),
+    Setting(
+        'mounting.xyz', None, 'Its place: three lengths; published on /tf_static.',
+        unit='m', kind='quantity',
+    ),
+    Setting(
+        'mounting.rpy', None, 'Roll, pitch, yaw about the fixed axes x, y, z (REP-103).',
+        unit='rad', kind='quantity',
+    ),
 )
 # fmt: on
 """What every sensor's file may set."""
@@ -338,3 +349,18 @@ def _wanted(key: str, given: Mapping[str, Any]) -> bool:
     """Leave out what has a default, of a quantity about which nothing is said."""
     quantity = '.'.join(key.split('.')[:2])
     return key.count('.') == 1 or any(other.startswith(f'{quantity}.') for other in given)
+
+
+def mounting(values: Mapping[str, Any], source: str, problems: list[str]) -> Mounting | None:
+    """Return where a sensor is mounted, None if nobody says."""
+    both = {name: values.get(f'mounting.{name}') for name in ('xyz', 'rpy')}
+    given: dict[str, tuple[float, ...]] = {k: v for k, v in both.items() if v is not None}
+    if not given:
+        return None
+    parent = values.get('mounting.parent', '')
+    if not _FRAME.fullmatch(parent):
+        problems.append(f'{source}.mounting.parent: {parent!r} is no frame; give base_link')
+    for name, value in given.items():
+        if len(value) != len(AXES):
+            problems.append(f'{source}.mounting.{name}: one value; give three')
+    return Mounting(parent, **given)

@@ -13,7 +13,7 @@ from imu_bench import bench, drivers, wires
 from imu_bench.bus.iio import devices, IioDevice
 from imu_bench.config import BenchConfig, SensorConfig
 from imu_bench.doctor import machine, probing
-from imu_bench.doctor.load import BusLoad, predict, Wire
+from imu_bench.doctor.load import BenchBus, BusLoad, predict
 from imu_bench.doctor.machine import Bus
 from imu_bench.doctor.probing import Answer
 from imu_bench.emulators.line import Timing
@@ -107,7 +107,7 @@ def examine(
     sensors = _checks(config.sensors) if config else ()
     asked = [bus for bus in buses if probe and bus.accessible and bus.kind != 'serial']
     answers = tuple(answer for bus in asked for answer in probing.scan(bus))
-    loads = tuple(predict(wire) for wire in _wires(config, buses, i2c_hz)) if config else ()
+    loads = tuple(predict(wire) for wire in _bench_buses(config, buses, i2c_hz)) if config else ()
     return Checkup(
         machine.model(), *machine.scheduling(), buses, machine.lacking(buses), bool(asked),
         answers, sensors, loads, devices(),
@@ -165,7 +165,7 @@ def _warnings(sensor: SensorConfig) -> tuple[str, ...]:
     return (CLOCK_STRETCHING,) if stretches and machine.mishandles_stretching() else ()
 
 
-def _wires(config: BenchConfig, buses: tuple[Bus, ...], i2c_hz: float) -> list[Wire]:
+def _bench_buses(config: BenchConfig, buses: tuple[Bus, ...], i2c_hz: float) -> list[BenchBus]:
     """Return the buses of a bench; an emulated sensor that names none has one of its own."""
     shared: dict[str, dict[str, SensorConfig]] = {}
     for sensor in config.sensors:
@@ -182,20 +182,20 @@ def _wires(config: BenchConfig, buses: tuple[Bus, ...], i2c_hz: float) -> list[W
 
 def _wire(
     name: str, sensors: Mapping[str, SensorConfig], known: Mapping[str, Bus], i2c_hz: float
-) -> Wire:
+) -> BenchBus:
     kind = wires.kind_of_bus(next(iter(sensors.values())))
     if kind == 'i2c':
         speed_hz, source = _i2c_speed(name, sensors, known, i2c_hz)
         timings = dict.fromkeys(sensors, Timing.i2c(speed_hz))
-        return Wire(name, kind, speed_hz, source, sensors, timings)
+        return BenchBus(name, kind, speed_hz, source, sensors, timings)
     timings = {key: _timing(sensor) for key, sensor in sensors.items()}
     if kind == 'serial':
         baud = round(10e9 / next(iter(timings.values())).byte_ns)
         source = 'USB' if baud == USB_HZ else 'as set'
-        return Wire(name, kind, float(baud), source, sensors, timings)
+        return BenchBus(name, kind, float(baud), source, sensors, timings)
     fastest = max(_spi_hz(one) for one in sensors.values())
     source = 'as set' if any(one.spi_hz for one in sensors.values()) else 'usual'
-    return Wire(name, 'spi', float(fastest), source, sensors, timings)
+    return BenchBus(name, 'spi', float(fastest), source, sensors, timings)
 
 
 def _i2c_speed(

@@ -9,12 +9,13 @@ and longer, until samples are lost: that is the depth of the FIFO.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from imu_bench import bench, drivers, wires
 from imu_bench.config import SensorConfig
-from imu_bench.doctor.metering import Meter, metered
 from imu_bench.drivers.driver import Driver
 from imu_bench.emulators.line import Line, Timing
 from imu_bench.errors import BenchError
@@ -41,7 +42,7 @@ class Demand:
     kind: str  # kind of its bus
     rate_hz: float  # of its main stream, as set
     look_period_s: float  # how often its driver reads
-    # transfers, counted as in `imu_bench.doctor.metering.Meter`
+    # transfers, counted as in `imu_bench.doctor.demand.Meter`
     per_second: npt.NDArray[np.float64]
     depth_s: float  # for so long nobody has to look before samples are lost; `math.inf` beyond 2 s
 
@@ -120,3 +121,107 @@ def _depth_s(alone: _Alone) -> float:
         middle = math.sqrt(low * high)
         low, high = (low, middle) if alone.too_late(middle) else (middle, high)
     return low
+
+
+class Meter:
+    """How many transfers, and of how many bytes."""
+
+    def __init__(self) -> None:
+        # reads, bytes read, writes, bytes written; headers are not among the bytes
+        self.counts = np.zeros(4)
+
+    def read(self, length: int) -> None:
+        """Count a read."""
+        self.counts[:2] += 1, length
+
+    def wrote(self, length: int) -> None:
+        """Count a write."""
+        self.counts[2:] += 1, length
+
+
+def seconds(counts: npt.NDArray[np.float64], timing: Timing, stretch_s: float = 0.0) -> float:
+    """Return how long transfers keep a wire busy, with a chip that stretches each byte of data."""
+    reads, bytes_read, writes, bytes_written = counts
+    ns = reads * timing.read_ns(0) + writes * timing.write_ns(0)
+    data = bytes_read + bytes_written
+    return float(ns + data * timing.byte_ns) * 1e-9 + float(data) * stretch_s
+
+
+def wire_bytes(counts: npt.NDArray[np.float64], timing: Timing) -> float:
+    """Return how many bytes travel, with addresses and register numbers."""
+    reads, bytes_read, writes, bytes_written = counts
+    headers = reads * timing.read_header + writes * timing.write_header
+    return float(headers + bytes_read + bytes_written)
+
+
+class _Metered:
+    """A wire of any kind that counts."""
+
+    def __init__(self, wire: Any, meter: Meter) -> None:
+        self.name = wire.name
+        self._wire = wire
+        self._meter = meter
+
+    def close(self) -> None:
+        """Release the device."""
+        self._wire.close()
+
+
+class MeteredRegisters(_Metered):
+    """A RegisterBus that counts."""
+
+    def read(self, register: int, length: int) -> bytes:
+        """Return bytes from a register on."""
+        self._meter.read(length)
+        return bytes(self._wire.read(register, length))
+
+    def write(self, register: int, data: bytes) -> None:
+        """Write bytes from a register on."""
+        self._meter.wrote(len(data))
+        self._wire.write(register, data)
+
+
+class MeteredFrames(_Metered):
+    """A FrameBus that counts; a frame is read and written at once."""
+
+    def transfer(self, frame: bytes) -> bytes:
+        """Send a frame; return what the chip sent meanwhile."""
+        self._meter.read(len(frame))
+        return bytes(self._wire.transfer(frame))
+
+
+class MeteredStream(_Metered):
+    """A ByteStream that counts."""
+
+    @property
+    def baud(self) -> int:
+        """Speed in bit/s."""
+        return int(self._wire.baud)
+
+    @baud.setter
+    def baud(self, baud: int) -> None:
+        self._wire.baud = baud
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has arrived."""
+        data = bytes(self._wire.read(timeout_s))
+        self._meter.read(len(data))
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send bytes."""
+        self._meter.wrote(len(data))
+        self._wire.write(data)
+
+
+def metered(buses: Mapping[str, Any], meter: Meter) -> dict[str, Any]:
+    """Return buses that count; a board hides its wire, and a line is on none."""
+    return {part: _kind(wire)(wire, meter) for part, wire in buses.items()}
+
+
+def _kind(wire: Any) -> Any:
+    if any(hasattr(wire, of_no_wire) for of_no_wire in ('scan', 'edges', 'drive')):
+        return lambda apart, meter: apart
+    if hasattr(wire, 'baud'):
+        return MeteredStream
+    return MeteredFrames if hasattr(wire, 'transfer') else MeteredRegisters

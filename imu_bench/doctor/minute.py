@@ -18,7 +18,7 @@ from imu_bench.errors import BenchError, ConfigError
 from imu_bench.registers import Frame, Register, Typical
 from imu_bench.samples import Samples
 from imu_bench.simulation.clock import SimulatedClock
-from imu_bench.simulation.typical import as_set
+from imu_bench.simulation.world import as_set
 from msg_conversions.quantities import IMU_QUANTITIES
 import numpy as np
 import numpy.typing as npt

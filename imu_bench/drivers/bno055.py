@@ -3,7 +3,7 @@
 Bosch BNO055: accelerometer, gyroscope, magnetometer, and fusion of its own.
 
 Document: BST-BNO055-DS000-12 rev. 1.2 (DS).  Neither FIFO nor counter, and no data-ready in the
-document's firmware: see `imu_bench.bus.updates`.  The phase of a sample is uncertain by a period.
+document's firmware: see `PolledDriver`.  The phase of a sample is uncertain by a period.
 
 It stretches the clock of I²C after every byte, which a Raspberry Pi handles wrongly: bytes get
 corrupted.  What no BNO055 sends is refused; use the serial line or a software bus (i2c-gpio).

@@ -14,12 +14,10 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from imu_bench.bus.framing import xbus
-from imu_bench.bus.framing.xbus import Column, EVERY_FRAME, Message, Mid, Output
-from imu_bench.bus.framing.xbus_count import FrameCounter
+from imu_bench.bus.framing.xbus import Column, EVERY_FRAME, FrameCounter, Message, Mid, Output
 from imu_bench.bus.interface import Clock, RegisterBus
-from imu_bench.bus.motion_tracker import MotionTracker
 from imu_bench.bus.wiring import Wiring
-from imu_bench.bus.xbus_port import XbusPort
+from imu_bench.bus.xbus_port import MotionTracker, XbusPort
 from imu_bench.drivers.driver import Driver, Setting, Typical, Witness
 from imu_bench.errors import (
     ChecksumError,

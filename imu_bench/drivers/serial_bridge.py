@@ -12,8 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from imu_bench.bus.framing.bridge import BinaryDecoder, Decoder, TextDecoder
-from imu_bench.bus.framing.bridge_count import SampleCounter
+from imu_bench.bus.framing.bridge import BinaryDecoder, Decoder, SampleCounter, TextDecoder
 from imu_bench.bus.interface import Clock, RegisterBus
 from imu_bench.bus.wiring import Wiring
 from imu_bench.drivers.driver import Driver, Setting, Typical, Witness

@@ -14,7 +14,6 @@ from typing import Any
 from imu_bench.drivers.mpu9250 import FIFO_BYTES, MAG, Mpu9250, MPU_6500
 from imu_bench.emulators.ahead import Due, rows_of, Source, Stateful
 from imu_bench.emulators.ak8963 import Ak8963
-from imu_bench.emulators.fifo import ByteRing
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip, numbers, or_zero
 from imu_bench.emulators.sampling import SamplingChip
@@ -261,3 +260,37 @@ def create(at: Socket, **options: Any) -> dict[str, EmulatedBus]:
     if at.kind == 'i2c':
         buses[MAG] = at.bus(_Bypass(chip), MAG)
     return buses
+
+
+class ByteRing:
+    """Bytes in the order in which they came; full means lost bytes, not lost frames."""
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = capacity  # bytes
+        self._bytes = bytearray()
+        self._last = 0
+
+    def __len__(self) -> int:
+        return len(self._bytes)
+
+    def clear(self) -> None:
+        """Empty it."""
+        self._bytes.clear()
+
+    def push(self, data: bytes, *, stops_when_full: bool = False) -> int:
+        """Append bytes; return how many were lost."""
+        self._bytes += data
+        lost = max(len(self._bytes) - self.capacity, 0)
+        if stops_when_full:
+            del self._bytes[self.capacity :]
+        else:
+            del self._bytes[:lost]
+        return lost
+
+    def pop(self, length: int) -> bytes:
+        """Return bytes from the front; an empty FIFO repeats the last byte."""
+        out = bytes(self._bytes[:length])
+        del self._bytes[:length]
+        if out:
+            self._last = out[-1]
+        return out + bytes([self._last]) * (length - len(out))

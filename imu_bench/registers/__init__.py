@@ -20,13 +20,15 @@ from imu_bench.registers.frames import Frame
 from imu_bench.registers.maps import (
     Assignments,
     check_value,
+    Identity,
     RegisterMap,
     Sequence,
+    Typical,
     Until,
     Wait,
+    Witness,
     Write,
 )
-from imu_bench.registers.sheet import Identity, Typical, Witness
 
 __all__ = [
     'Assignments',

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A chip's whole map, checked when its class is created, and the sequences that write it."""
+"""A chip's whole map, checked when its class is created, and what else its document says."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, TypeVar
 
@@ -130,9 +130,9 @@ def _check_registers(owner: type[RegisterMap]) -> None:
 def _check_fields(owner: type[RegisterMap]) -> None:
     registers = set(owner.declared(Register).values())
     fields = owner.declared(Field).values()
-    for field in fields:
-        if field.register not in registers:
-            raise ConfigError(f'{field.name} lies in a register that the map does not declare')
+    for one in fields:
+        if one.register not in registers:
+            raise ConfigError(f'{one.name} lies in a register that the map does not declare')
     for channel in owner.channels().values():
         if channel.first not in registers:
             raise ConfigError(f'{channel.name} lies in a register that the map does not declare')
@@ -180,3 +180,56 @@ def check_value(target: Field | Register, value: Value) -> None:
         raise ConfigError(
             f'{target}: {value!r} is not possible; allowed are 0 to {(1 << 8 * target.size) - 1}'
         )
+
+
+@dataclass(frozen=True)
+class Identity:
+    """A register that says what the chip is."""
+
+    register: Register
+    expected: Mapping[int, str]
+    # known relatives that this driver refuses, with what to know about them
+    others: Mapping[int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Typical:
+    """
+    Typical values of the document for one quantity, in SI; None where it gives none.
+
+    Simulator defaults, and the yardstick of a comparison with the datasheet.
+    """
+
+    source: str  # document and table
+    # one-sided, SI/√Hz; per axis (x, y, z) where they differ
+    noise_density: float | tuple[float, float, float] | None = None
+    bandwidth: float | None = None  # Hz, at the default settings
+    high_pass: float | None = None  # Hz; a sensor that does not show constant values
+    # range, resolution: at the default settings
+    range: float | None = None
+    resolution: float | None = None
+    # bias, bias_per_kelvin: zero offset (the document's ± figure) and its change with temperature
+    bias: float | tuple[float, float, float] | None = None
+    bias_per_kelvin: float | None = None
+    bias_instability: float | None = None
+    # scale_error, scale_per_kelvin, nonlinearity, cross_axis: relative
+    scale_error: float | None = None
+    scale_per_kelvin: float | None = None
+    nonlinearity: float | None = None
+    cross_axis: float | None = None
+
+
+@dataclass(frozen=True)
+class Witness:
+    """
+    Bytes on the wire and what they mean, from a document or calculated by hand.
+
+    It never comes from the channel it testifies for, so a mistake there cannot prove itself.
+    """
+
+    channel: Channel
+    data: str  # hexadecimal, as they come over the wire
+    expected: tuple[float, ...]  # SI, in the body frame
+    source: str
+    range: Value | None = None
+    trim: float | tuple[float, ...] = 1.0

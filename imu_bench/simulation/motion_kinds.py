@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
@@ -11,9 +11,9 @@ from typing import Any
 from imu_bench.config import REQUIRED, Setting
 from imu_bench.errors import ConfigError
 from imu_bench.simulation.lift import LiftRide
-from imu_bench.simulation.motion import along, Motion, Seed, Still, Sum
+from imu_bench.simulation.motion import along, Motion, Part, Seed, Still, Sum
 from imu_bench.simulation.random_vibration import RandomVibration
-from imu_bench.simulation.thermal import TemperatureRamp
+from imu_bench.simulation.sensor_errors import Array
 from imu_bench.simulation.tilt_table import TiltSteps
 from imu_bench.simulation.tones import engine, mains_hum, Sine, SteppedSine, Sweep
 from msg_conversions.quantities import AXES
@@ -294,3 +294,51 @@ KINDS: Mapping[str, Kind] = {
     ),
 }
 """Every kind of motion by its name in a scenario file."""
+
+
+@dataclass(frozen=True)
+class TemperatureRamp(Part):
+    """What an oven adds to the temperature of the bench."""
+
+    begin_s: float  # when the ramp begins
+    # start_c, to_c: temperature before, and at the end of the ramp, °C
+    start_c: float
+    to_c: float
+    kelvin_per_s: float  # steepness, without sign
+    soak_s: float = 0.0  # time at the end of the ramp
+    returns: bool = True  # whether it goes back after that, as steeply
+
+    def __post_init__(self) -> None:
+        if self.to_c == self.start_c or not self.kelvin_per_s > 0.0:
+            raise ConfigError(
+                f'temperature_ramp: from {self.start_c:g} °C to {self.to_c:g} °C at '
+                f'{60 * self.kelvin_per_s:g} K/min is none; it must lead to another temperature'
+            )
+
+    @property
+    def _corners(self) -> tuple[list[float], list[float]]:
+        """Times, and how much warmer it is."""
+        change = self.to_c - self.start_c
+        up = self.begin_s + abs(change) / self.kelvin_per_s
+        times, changes = [self.begin_s, up, up + self.soak_s], [0.0, change, change]
+        if self.returns:
+            times.append(times[-1] + up - self.begin_s)
+            changes.append(0.0)
+        return times, changes
+
+    @property
+    def duration_s(self) -> float | None:
+        """Until the last corner."""
+        return self._corners[0][-1]
+
+    @property
+    def events(self) -> Sequence[dict[str, Any]]:
+        """The corners of the profile."""
+        return [
+            {'begin_s': time, 'temperature': {'value': self.start_c + change, 'unit': '°C'}}
+            for time, change in zip(*self._corners, strict=True)
+        ]
+
+    def temperature(self, t: Array) -> Array:
+        """Return how much warmer it is, K, shape (n,)."""
+        return np.interp(t, *self._corners)

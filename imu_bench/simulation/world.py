@@ -1,24 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a sensor's configuration to its simulated world: motion, errors, samples."""
+"""From a sensor's configuration to its simulated world: motion, errors, samples, typical noise."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TYPE_CHECKING
 from zlib import crc32
 
 from imu_bench.config import SensorConfig
 from imu_bench.config.beginning import Beginning
 from imu_bench.errors import ConfigError
-from imu_bench.registers import Typical
+from imu_bench.registers import Field, Fifo, Typical
 from imu_bench.simulation.chip import SensorSource
 from imu_bench.simulation.motion import attitude, Changed, Motion, Mounted
 from imu_bench.simulation.scenario import load_scenario, Scenario
 from imu_bench.simulation.sensor_errors import Array, Errors
 from imu_bench.simulation.sensor_model import ErrorModel, QUANTITIES
+from imu_bench.units import convert
 from msg_conversions.quantities import AXES
 import numpy as np
+
+if TYPE_CHECKING:
+    from imu_bench.drivers.driver import Driver
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,4 +232,32 @@ def _typical_errors(typical: Typical, drawn: Mapping[str, Any], on_wire: bool) -
         limit = getattr(typical, name)
         if limit is not None:
             found[becomes] = drawn[name] * np.asarray(limit)
+    return found
+
+
+def as_set(driver: Driver) -> dict[str, Typical]:
+    """Return the typical values of a driver, with range, resolution and filter as it is set."""
+    found = dict(driver.typical)
+    names = {id(field): name for name, field in driver.declared(Field).items()}
+    channels = driver.channels().values()
+    quantities = [channel.quantity for channel in channels]
+    for channel in channels:
+        # of a quantity with words of several lengths the document's own values are kept
+        if channel.quantity not in found or quantities.count(channel.quantity) > 1:
+            continue
+        setting = names.get(id(channel.scaled_by), '')
+        full_scale = driver.values.get(setting)
+        changed: dict[str, Any] = {}
+        if channel.quantised:
+            changed['resolution'] = tuple(channel.resolution(full_scale))
+        if channel.scaled_by is not None and isinstance(full_scale, float):
+            changed['range'] = convert(full_scale, channel.scaled_by.unit, channel.unit)
+        bandwidth = driver.values.get(setting.replace('_range', '_bandwidth'))
+        if setting and isinstance(bandwidth, float) and bandwidth > 0.0:
+            changed['bandwidth'] = bandwidth
+        found[channel.quantity] = replace(found[channel.quantity], **changed)
+    for fifo in driver.declared(Fifo).values():
+        for quantity in set(fifo.frame.dtype.names or ()) & set(found):
+            corner = fifo.low_pass * driver.rate_hz
+            found[quantity] = replace(found[quantity], bandwidth=corner)
     return found

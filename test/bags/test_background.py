@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 
-from imu_bench.bags import background, spill
+from imu_bench.bags import background
 from imu_bench.bags.background import BackgroundWriter
 from imu_bench.bags.bag import Bag
 from imu_bench.bags.mcap_writer import McapWriter
@@ -95,7 +95,7 @@ def test_everything_handed_over_is_in_the_bag(tmp_path, storage):
 def test_what_memory_cannot_hold_waits_beside_the_bag_and_is_folded_in(
     tmp_path, monkeypatch, storage
 ):
-    monkeypatch.setattr(spill, 'FILE_SIZE', 50_000)
+    monkeypatch.setattr(background, 'FILE_SIZE', 50_000)
     bag = BagWriter(tmp_path / 'bag', storage)
     disk = SlowDisk(monkeypatch, bag)
     writer = BackgroundWriter(bag, memory=100_000)
@@ -164,7 +164,7 @@ def test_a_full_disk_beside_the_bag_is_counted(tmp_path, monkeypatch):
     append = McapWriter._append
 
     def full(self, data):
-        if f'_{spill.FIRST_NUMBER}' in self.path.name and self.size > 100_000:
+        if f'_{background.FIRST_NUMBER}' in self.path.name and self.size > 100_000:
             raise OSError(errno.ENOSPC, 'no space left')
         append(self, data)
 

@@ -363,7 +363,7 @@ def test_messages_of_no_channel_are_said(tmp_path):
 
 
 def test_jobs_ahead_stay_within_their_room():
-    from imu_bench.bags.ahead import ahead
+    from imu_bench.bags.mcap import ahead
 
     open_now, most = 0, 0
 

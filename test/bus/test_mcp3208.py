@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames of the MCP3208: DS21298E figure 6-1."""
 
-from imu_bench.bus.framing import mcp3208
+from imu_bench.bus.converters import mcp3208
 from imu_bench.errors import FrameError, NoAnswer
 import pytest
 

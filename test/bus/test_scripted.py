@@ -5,7 +5,7 @@ from collections import Counter
 
 from imu_bench.bus.auxiliary import AuxiliaryBus
 from imu_bench.bus.banked import BankedBus
-from imu_bench.bus.counting import CountingBus
+from imu_bench.bus.failures import CountingBus
 from imu_bench.bus.scripted import ScriptedFrames, ScriptedRegisters, ScriptedStream
 from imu_bench.errors import BusBusy, BusError, FrameError, NoAnswer
 from imu_bench.registers import Register

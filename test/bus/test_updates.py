@@ -3,7 +3,7 @@
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from imu_bench.bus.updates import Updates
+from imu_bench.drivers.driver.polled import Updates
 import numpy as np
 import pytest
 

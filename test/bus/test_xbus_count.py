@@ -3,7 +3,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from imu_bench.bus.framing.xbus_count import FrameCounter
+from imu_bench.bus.framing.xbus import FrameCounter
 import numpy as np
 import pytest
 

@@ -4,9 +4,8 @@
 from collections import Counter
 
 from imu_bench.bus.framing.xbus import encode, Message, Mid, Output, pack_outputs
-from imu_bench.bus.motion_tracker import MotionTracker
 from imu_bench.bus.scripted import ScriptedStream
-from imu_bench.bus.xbus_port import XbusPort
+from imu_bench.bus.xbus_port import MotionTracker, XbusPort
 from imu_bench.errors import BusError, NoAnswer
 from imu_bench.simulation.clock import SimulatedClock
 import pytest

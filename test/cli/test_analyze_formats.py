@@ -7,7 +7,7 @@ from imu_bench.bags.topic_info import describe
 from imu_bench.bags.writer import BagWriter
 from imu_bench.offline.analysis import results
 from msg_conversions import covariance
-from msg_conversions.templates import ImuTemplate
+from msg_conversions.encoding import ImuTemplate
 import numpy as np
 import pytest
 from scipy.io import savemat

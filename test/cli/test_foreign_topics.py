@@ -12,7 +12,7 @@ from imu_bench.bags.topic_info import describe
 from imu_bench.bags.writer import BagWriter
 from imu_bench.cli.main import main
 from msg_conversions import covariance
-from msg_conversions.templates import ImuTemplate
+from msg_conversions.encoding import ImuTemplate
 import numpy as np
 import pytest
 

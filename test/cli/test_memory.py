@@ -6,7 +6,7 @@ import sys
 
 from imu_bench.bags.topic_info import describe
 from imu_bench.bags.writer import BagWriter
-from msg_conversions.templates import ImuTemplate
+from msg_conversions.encoding import ImuTemplate
 import numpy as np
 import pytest
 

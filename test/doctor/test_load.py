@@ -10,10 +10,9 @@ from imu_bench.cli.doctor import FULL
 from imu_bench.config import sensor_from_parameters
 from imu_bench.config.location import config_file
 from imu_bench.doctor import checkup, machine, probing
-from imu_bench.doctor.demand import demand_of
-from imu_bench.doctor.load import predict, Wire
+from imu_bench.doctor.demand import demand_of, seconds
+from imu_bench.doctor.load import BenchBus, predict
 from imu_bench.doctor.machine import Bus
-from imu_bench.doctor.metering import seconds
 from imu_bench.emulators.line import Line, Timing
 from imu_bench.simulation.clock import SimulatedClock
 import pytest
@@ -51,7 +50,7 @@ MIXED = (
 
 def wire_of(sensors, timing):
     named = {one.name: one for one in sensors}
-    return Wire('i2c-1', 'i2c', 9e9 / timing.byte_ns, '', named, dict.fromkeys(named, timing))
+    return BenchBus('i2c-1', 'i2c', 9e9 / timing.byte_ns, '', named, dict.fromkeys(named, timing))
 
 
 def emulated_bench(sensors, timing, settling_s=3, measured_s=8):

@@ -7,8 +7,7 @@ import re
 import shutil
 import subprocess
 
-from imu_bench.bus.framing.bridge import BinaryDecoder, TextDecoder
-from imu_bench.bus.framing.bridge_count import SampleCounter
+from imu_bench.bus.framing.bridge import BinaryDecoder, SampleCounter, TextDecoder
 from imu_bench.bus.scripted import ScriptedStream
 from imu_bench.drivers.lsm9ds1 import Lsm9ds1
 from imu_bench.drivers.serial_bridge import SerialBridge

@@ -13,7 +13,7 @@ from imu_bench.config import SensorConfig
 from imu_bench.drivers import load, names
 from imu_bench.emulators import create
 from imu_bench.emulators.ahead import Ahead
-from imu_bench.emulators.waiting import SHORT_NS, Waiting
+from imu_bench.emulators.line import SHORT_NS, Waiting
 from imu_bench.samples import Samples
 from imu_bench.simulation.chip import SensorSource
 from imu_bench.simulation.clock import SimulatedClock

@@ -4,7 +4,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msg_conversions import cdr, covariance, reading
-from msg_conversions.templates import ImuTemplate, Template
+from msg_conversions.encoding import ImuTemplate, Template
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message

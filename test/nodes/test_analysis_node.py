@@ -13,7 +13,7 @@ from imu_bench.offline.analysis.recording import analyse, Settings
 from imu_bench.offline.recordings import Recording
 from imu_bench.samples import Samples
 from msg_conversions import blocks, cdr, covariance, reading
-from msg_conversions.templates import ImuTemplate
+from msg_conversions.encoding import ImuTemplate
 import numpy as np
 import pytest
 from rclpy.node import Node

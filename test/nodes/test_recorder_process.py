@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from imu_bench.nodes import qos
 from imu_bench.offline import recordings
 from msg_conversions import blocks, covariance
-from msg_conversions.templates import ImuTemplate
+from msg_conversions.encoding import ImuTemplate
 import numpy as np
 import pytest
 from rclpy.node import Node

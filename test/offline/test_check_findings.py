@@ -11,7 +11,7 @@ from imu_bench.offline.analysis.recording import analyse, axis_findings
 from imu_bench.offline.recordings import load_all, open_source, ReadOptions
 from imu_bench.samples import Samples
 from msg_conversions import cdr
-from msg_conversions.templates import ImuTemplate, Template
+from msg_conversions.encoding import ImuTemplate, Template
 import numpy as np
 import pytest
 

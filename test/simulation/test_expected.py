@@ -3,9 +3,9 @@
 
 import math
 
-from imu_bench.simulation.expected import expected_coefficients, HIDDEN, rounded_variance
 from imu_bench.simulation.sensor_errors import Errors
 from imu_bench.simulation.sensor_model import ErrorModel
+from imu_bench.simulation.simulated import expected_coefficients, HIDDEN, rounded_variance
 import numpy as np
 import pytest
 from scipy import stats

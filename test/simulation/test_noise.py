@@ -5,8 +5,14 @@ import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from imu_bench.simulation.flicker_filter import correlation_times, flicker_filter
-from imu_bench.simulation.noise import Flicker, Quantisation, RandomWalk, White
+from imu_bench.simulation.noise import (
+    correlation_times,
+    Flicker,
+    flicker_filter,
+    Quantisation,
+    RandomWalk,
+    White,
+)
 import numpy as np
 import pytest
 from scipy.signal import sosfreqz

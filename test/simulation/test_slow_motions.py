@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from imu_bench.errors import ConfigError
 from imu_bench.simulation.lift import jerk_limited, LiftRide
 from imu_bench.simulation.motion import Still, Sum
-from imu_bench.simulation.thermal import TemperatureRamp
+from imu_bench.simulation.motion_kinds import TemperatureRamp
 from imu_bench.simulation.tilt_table import TiltSteps
 from imu_bench.units import DEGREE
 from imu_bench.units import STANDARD_GRAVITY as G

@@ -2,8 +2,9 @@
 """
 Microchip MCP3208: 12 bits on SPI, at the moment of the transfer.
 
-Document: DS21298E.  It has no clock, no status and nothing that says that it is there, but
-for one bit that is always zero, and the code that it sends forwards and backwards.
+Document: DS21298E, its frames in figures 5-2 and 6-1.  It has no clock, no status, no checksum and
+nothing that says that it is there, but for one bit that is always zero, and the code that it sends
+once more, lowest bit first, as long as the clock goes on: both are read and compared.
 """
 
 from __future__ import annotations
@@ -11,10 +12,33 @@ from __future__ import annotations
 from collections import Counter
 
 from imu_bench.bus.converters.converter import Converter, Reading
-from imu_bench.bus.framing import mcp3208
 from imu_bench.bus.interface import Clock, FrameBus
-from imu_bench.errors import ChecksumError, NoAnswer
+from imu_bench.errors import ChecksumError, FrameError, NoAnswer
 import numpy as np
+
+FRAME_BYTES = 5
+FULL_SCALE = 4095
+_START, _SINGLE_ENDED, _NULL = 0x04, 0x02, 0x10
+
+
+def request(channel: int) -> bytes:
+    """Return the frame that converts an input against ground."""
+    return bytes([_START | _SINGLE_ENDED | channel >> 2, (channel & 3) << 6, 0, 0, 0])
+
+
+def code(answer: bytes) -> int:
+    """Return the code in an answer; the bits before the null bit mean nothing."""
+    if len(answer) != FRAME_BYTES:
+        raise FrameError(f'a conversion has {FRAME_BYTES} bytes, this one {len(answer)}')
+    if answer[1] & _NULL:
+        raise NoAnswer(f'{answer.hex()}: nothing drives the line; check power, wiring and CS')
+    forwards = (answer[1] & 0x0F) << 8 | answer[2]
+    # the lowest bit is sent once; five zeros are behind the highest
+    backwards = int(f'{forwards >> 1:011b}'[::-1], 2)
+    if backwards << 5 != answer[3] << 8 | answer[4]:
+        raise ChecksumError(f'{answer.hex()}: forwards and backwards differ; check the wiring')
+    return forwards
+
 
 FASTEST_HZ = 10_000.0
 """Beyond this a transfer for each sample is hopeless on Linux."""
@@ -47,7 +71,7 @@ class Mcp3208(Converter):
         channel: int = 0,
     ) -> None:
         super().__init__(wire, clock, counters, rate_hz)
-        self._request = mcp3208.request(channel)
+        self._request = request(channel)
         self._rail_since_ns: int | None = None
         counters.setdefault('checksum_errors', 0)
 
@@ -91,7 +115,7 @@ class Mcp3208(Converter):
 
     def _code(self) -> int:
         try:
-            return mcp3208.code(self.wire.transfer(self._request))
+            return code(self.wire.transfer(self._request))
         except NoAnswer as error:
             raise NoAnswer(f'{self.wire.name}: {error}') from error
         except ChecksumError as error:
@@ -100,7 +124,7 @@ class Mcp3208(Converter):
 
     def _watch(self, code: int, now_ns: int) -> None:
         """Notice a line that is stuck: a sensor that lives does not stay at a rail."""
-        if 0 < code < mcp3208.FULL_SCALE:
+        if 0 < code < FULL_SCALE:
             self._rail_since_ns = None
             return
         self._rail_since_ns = self._rail_since_ns or now_ns

@@ -8,8 +8,8 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from imu_bench.bus.counting import CountingBus
 from imu_bench.bus.edges import Edges
+from imu_bench.bus.failures import CountingBus
 from imu_bench.bus.interface import (
     ByteStream,
     Clock,

@@ -12,7 +12,7 @@ from imu_bench.offline.imports import import_recordings, outputs, tracks
 from imu_bench.offline.recordings import load_all, open_source, ReadOptions
 from mcap.reader import make_reader
 from msg_conversions import cdr, covariance
-from msg_conversions.templates import ImuTemplate, Template
+from msg_conversions.encoding import ImuTemplate, Template
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader

@@ -8,7 +8,7 @@ from imu_bench.bags.writer import BagWriter
 from imu_bench.offline.recordings import cache, load_all, open_source, ReadOptions
 from imu_bench.offline.recordings.companions import companion
 from msg_conversions import cdr
-from msg_conversions.templates import ImuTemplate, Template
+from msg_conversions.encoding import ImuTemplate, Template
 import numpy as np
 import pytest
 

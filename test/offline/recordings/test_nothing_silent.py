@@ -10,7 +10,7 @@ from imu_bench.offline.recordings import find_recordings, load_all, open_source,
 from imu_bench.offline.recordings.decoding import decode
 from mcap.writer import Writer
 from msg_conversions import cdr, covariance
-from msg_conversions.templates import ImuTemplate
+from msg_conversions.encoding import ImuTemplate
 import numpy as np
 import pytest
 
