@@ -429,4 +429,4 @@ def test_the_doctor_says_what_the_kernel_has(tree, tmp_path, monkeypatch):
     assert checks[0].found.startswith('iio:device0 mpu9250: accel_x, accel_y')
     assert 'there are: iio:device0 (mpu9250)' in checks[1].found
     assert checkup.examine(probe=False).kernel == {'iio:device0': 'mpu9250'}
-    assert checkup._wires(SimpleNamespace(sensors=sensors), (), 400e3) == []
+    assert checkup._bench_buses(SimpleNamespace(sensors=sensors), (), 400e3) == []
