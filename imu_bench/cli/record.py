@@ -83,7 +83,6 @@ def run(arguments: argparse.Namespace) -> int:
     from imu_bench.nodes import network
     from imu_bench.nodes.spinning import require_ros
     from imu_bench.recording import place as places
-    from imu_bench.recording import room
 
     config = None
     if arguments.bench is not None:
@@ -98,10 +97,10 @@ def run(arguments: argparse.Namespace) -> int:
         require_ros()
     recorder = config.recorder if config else RecorderConfig()
     storage = arguments.storage or recorder.storage
-    free = f'{room.size(room.free_bytes(place.bag))} free'
+    free = f'{places.size(places.free_bytes(place.bag))} free'
     if config is not None:
-        per_second = room.bytes_per_second(config, storage)
-        free = room.check(place.bag, per_second, place.duration_s)
+        per_second = places.bytes_per_second(config, storage)
+        free = places.check(place.bag, per_second, place.duration_s)
     reached = arguments.network or (network.ALL if config is None else network.ALONE)
     variables = network.variables(reached)
     _announce(config, place, free, '' if direct else network.words(variables))

@@ -22,8 +22,7 @@ from imu_bench.metrology.deviations.averaging import averaging_factors
 from imu_bench.metrology.estimate import check_confidence, CONFIDENCE, Estimate
 from imu_bench.metrology.moments import Moments
 from imu_bench.metrology.sliding.rolling_intake import Intake, PENDING, Piece
-from imu_bench.metrology.sliding.sample_ring import SampleRing
-from imu_bench.metrology.sliding.window_sums import BIN, WindowSums
+from imu_bench.metrology.sliding.sample_ring import BIN, SampleRing, WindowSums
 from imu_bench.metrology.stamps.stamp_line import gap_lengths
 from imu_bench.metrology.stamps.time_grid import period
 import numpy as np

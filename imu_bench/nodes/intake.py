@@ -21,7 +21,7 @@ import time
 from typing import Any, NamedTuple
 
 from imu_bench.nodes import qos
-from imu_bench.nodes.publishers import Apart, Ownership, process, several
+from imu_bench.nodes.publishers import Apart, Ownership, process, several_publishers
 from imu_bench.nodes.sequences import Sequences
 from msg_conversions import blocks
 import numpy as np
@@ -152,7 +152,7 @@ class Intake:
             return [], 0
         publishers = self._node.get_publishers_info_by_topic(topic)
         carriers = [] if namespace is None else self._carriers(namespace)
-        names = several(publishers, carriers, interleaved=interleaved)
+        names = several_publishers(publishers, carriers, interleaved=interleaved)
         if namespace is None:
             return names, 0
         if {process(each) for each in publishers} - {process(each) for each in carriers}:

@@ -17,9 +17,8 @@ from imu_bench.live.views import RecorderView, SensorView
 from imu_bench.nodes.processes import BenchProcesses
 from imu_bench.recording.interruption import Interruption
 from imu_bench.recording.judgement import Judgement
-from imu_bench.recording.live import show
 from imu_bench.recording.rows import SensorRow
-from imu_bench.recording.showing import Showing
+from imu_bench.recording.showing import show, Showing
 
 UP_WITHIN_S = 60.0
 

@@ -13,7 +13,7 @@ from imu_bench.bags import metadata
 from imu_bench.counting import count, grouped
 from imu_bench.errors import RecordingError
 from imu_bench.offline.notation import duration
-from imu_bench.recording.room import size, stored_bytes
+from imu_bench.recording.place import size, stored_bytes
 from imu_bench.recording.showing import LISTED
 
 if TYPE_CHECKING:

@@ -1,34 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording from the first process to the closed bag."""
+"""A recording from the first process to the closed bag, of a bench or of topics of others."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
 import shutil
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
+from imu_bench.bags.topic_info import meant
 from imu_bench.config import BenchConfig
 from imu_bench.errors import NotReady
-from imu_bench.nodes import bench_nodes, network, shared_memory
+from imu_bench.nodes import bench_nodes, network, processes
 from imu_bench.nodes.bench_nodes import ANALYSIS, RECORDER
 from imu_bench.nodes.processes import BenchProcesses
-from imu_bench.nodes.topic_names import SUFFIXES
+from imu_bench.nodes.topic_names import DIAGNOSTICS, IMU_TYPE, SUFFIXES
 from imu_bench.recording.fault_news import FaultNews
 from imu_bench.recording.interruption import Interruption
 from imu_bench.recording.judgement import Judgement
-from imu_bench.recording.live import say, show
 from imu_bench.recording.rows import Row, SensorRow, TopicRow
-from imu_bench.recording.showing import ended, Showing
-from imu_bench.recording.topics import await_topics, LOOK_S
+from imu_bench.recording.showing import ended, say, show, Showing
 
 if TYPE_CHECKING:
     from imu_bench.nodes.bench_monitor import BenchMonitor
     from imu_bench.recording.trial import LiveTest
+
 
 UP_WITHIN_S = 180.0
 """
@@ -100,7 +100,7 @@ class Session:
         # imported here: this module can be imported without ROS 2
         from imu_bench.nodes.bench_monitor import BenchMonitor
 
-        shared_memory.remove_leftovers()
+        processes.remove_leftovers()
         names = [sensor.name for sensor in self._bench.sensors]
         with Interruption() as asked:
             try:
@@ -278,3 +278,76 @@ def refuse_two_of_one(
             f'{taken[0]}: {who(taken[0])} publishes this already; stop that node, or leave the '
             'bench out to record what is published'
         )
+
+
+WITHIN_S = 10.0
+"""How long somebody may take to publish; nodes on other machines are found within 3 s."""
+
+SETTLED_S = 1.5
+"""When no topic has come for so long, all are known."""
+
+LOOK_S = 0.1
+
+NEIGHBOURS = ('sensor_msgs/msg/MagneticField', 'sensor_msgs/msg/Temperature')
+
+
+class Topics(NamedTuple):
+    """The topics that count, and all that are recorded."""
+
+    main: tuple[str, ...]
+    recorded: tuple[str, ...]
+
+
+def await_topics(
+    graph: Callable[[], Mapping[str, str]], wanted: Sequence[str], ask: Callable[[], None]
+) -> Topics:
+    """Wait until there is something to record."""
+    began = changed = time.monotonic()
+    found: Mapping[str, str] = {}
+    while True:
+        ask()
+        now, seen = time.monotonic(), graph()
+        if seen != found:
+            found, changed = seen, now
+        imus, settled = _imus(found), now - changed > SETTLED_S
+        names = [_full(name, found, imus if settled else ()) for name in wanted]
+        if names and all(names):
+            every = tuple(dict.fromkeys(names))
+            return Topics(every, every)
+        if imus and not names and settled:
+            return Topics(imus, (*imus, *_neighbours(found)))
+        if now - began > WITHIN_S + SETTLED_S:
+            lost = [name for name, topic in zip(wanted, names, strict=True) if not topic]
+            raise NotReady(_nobody(lost, found))
+        # the pace of looking: the graph tells nobody that it has changed
+        time.sleep(LOOK_S)
+
+
+def _full(name: str, graph: Mapping[str, str], imus: Sequence[str]) -> str:
+    """Return the topic that a name stands for: a short one is that of one Imu topic alone."""
+    found = meant(name, graph) if '/' + name.lstrip('/') in graph else meant(name, imus)
+    return found[0] if len(found) == 1 else ''
+
+
+def _imus(graph: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(name for name, kind in graph.items() if kind == IMU_TYPE)
+
+
+def _neighbours(graph: Mapping[str, str]) -> Iterable[str]:
+    """Return what is recorded beside Imu topics: as the recorder does, and the same by type."""
+    ends = tuple(f'/{suffix}' for suffix in SUFFIXES)
+    for name, kind in graph.items():
+        known = kind in NEIGHBOURS or name == DIAGNOSTICS or name.endswith(ends)
+        if known and kind != IMU_TYPE:
+            yield name
+
+
+def _nobody(names: Sequence[str], graph: Mapping[str, str]) -> str:
+    there = ', '.join(_imus(graph)) or 'none'
+    if names:
+        lost = ', '.join(names)
+        return f'{lost}: nobody publishes this after {WITHIN_S:g} s; Imu topics: {there}'
+    return (
+        f'nobody publishes an Imu topic after {WITHIN_S:g} s; start a driver, check '
+        'ROS_DOMAIN_ID, or name a bench to start its sensors'
+    )

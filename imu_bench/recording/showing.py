@@ -7,18 +7,21 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import timedelta
 import math
+import os
 from pathlib import Path
+import sys
 import time
 from typing import TYPE_CHECKING
 
 from imu_bench.account import BESIDE, LEFT_OUT, RECORDERS
-from imu_bench.counting import clean, listed
+from imu_bench.counting import clean, listed, Silence
 from imu_bench.errors import NotReady
 from imu_bench.nodes.bench_nodes import RECORDER
 from imu_bench.offline.notation import duration
-from imu_bench.recording import room
+from imu_bench.recording import place
 from imu_bench.recording.rows import Row, SensorRow, SILENT_S, TopicRow
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
@@ -93,7 +96,7 @@ class Showing:
         self._bag, self._settled, self._news, self._noise = bag, settled, news, noise
         self._hosts, self._start_again, self._broken = hosts or {}, start_again, broken
         self._given_up: set[str] = set()
-        self._free, self._stored, self._stored_before = room.free_bytes(bag), 0, 0
+        self._free, self._stored, self._stored_before = place.free_bytes(bag), 0, 0
         self._told: dict[str, str] = {}
 
     def ready(self) -> bool:
@@ -237,12 +240,12 @@ class Showing:
 
     def _disk(self) -> Iterable[str]:
         """Look how much room there is; end in time to finish the bag."""
-        self._free, self._stored = room.free_bytes(self._bag), room.stored_bytes(self._bag)
-        if self._free < room.reserve(self._stored, self._growth()):
-            self.failure = f'the disk is full: {room.size(self._free)} are free'
+        self._free, self._stored = place.free_bytes(self._bag), place.stored_bytes(self._bag)
+        if self._free < place.reserve(self._stored, self._growth()):
+            self.failure = f'the disk is full: {place.size(self._free)} are free'
         elif self.duration_s and self._age() > GROWN_S and not self._told.get('disk'):
             needed = self._growth() * (self.duration_s - self._age())
-            if needed + room.reserve(self._stored + needed, self._growth()) > self._free:
+            if needed + place.reserve(self._stored + needed, self._growth()) > self._free:
                 self._told['disk'] = 'small'
                 yield f'WARNING: the disk will be full in about {duration(self._lasts_s())}'
 
@@ -255,7 +258,7 @@ class Showing:
         return (self._stored - self._stored_before) / age if age > 1.0 else 0.0
 
     def _lasts_s(self) -> float:
-        return self._free / ((1.0 + room.RESERVE_SHARE) * self._growth())
+        return self._free / ((1.0 + place.RESERVE_SHARE) * self._growth())
 
     # --- picture -----------------------------------------------------------------------
 
@@ -263,7 +266,7 @@ class Showing:
         """Return how long it has run, how long it will, and the room on the disk."""
         if ran_s is None:
             return 'starting'
-        free = f'{room.size(self._free)} free'
+        free = f'{place.size(self._free)} free'
         if self.duration_s is not None:
             left = _clock(self.left(ran_s))
             return f'{_clock(ran_s)} of {_clock(self.duration_s)}, {left} left; {free}'
@@ -310,3 +313,42 @@ def ended(processes: BenchProcesses, name: str, code: int) -> str:
 def _clock(seconds: float) -> str:
     """Return a length of time as a clock shows it."""
     return str(timedelta(seconds=int(max(0.0, seconds))))
+
+
+REFRESH_S = 0.5
+LINE_EVERY_S = float(os.environ.get('IMU_BENCH_LINE_EVERY_S', '10'))
+"""Where there is no terminal a line of text this often has to do."""
+
+
+def say(line: str, console: Console | None = None) -> None:
+    """Print a line, of which nothing steers a terminal, on stderr or wherever a console prints."""
+    out = console or Console(stderr=True)
+    out.print(clean(line), soft_wrap=True, markup=False, highlight=False)
+
+
+def show(showing: Showing, up_within_s: float) -> None:
+    """Show a recording until it is over."""
+    hushed = isinstance(sys.stdout, Silence)
+    console = Console(stderr=True)
+    shown = Console(stderr=True, quiet=True) if hushed else console
+    began = said = time.monotonic()
+    with Live(console=shown, refresh_per_second=4, transient=False) as live:
+        while True:
+            for line in showing.look():
+                say(line, console)
+            if showing.begun_s is None and showing.ready():
+                showing.begin()
+            now = time.monotonic()
+            ran = None if showing.begun_s is None else now - showing.begun_s
+            if showing.over(ran):
+                break
+            if ran is None and now - began > up_within_s:
+                raise NotReady(f'no data after {up_within_s:g} s from: {showing.missing()}')
+            heading = showing.heading(ran)
+            if console.is_terminal:
+                live.update(showing.table(heading))
+            elif now - said > LINE_EVERY_S:
+                said = now
+                say(showing.line(heading), shown)
+            # the pace of the display, nothing waits for it
+            time.sleep(min(REFRESH_S, max(0.0, showing.left(ran))))

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 from imu_bench import bench
 from imu_bench.config.location import named_file
 from imu_bench.errors import ConfigError, NotReady, RecordingError
-from imu_bench.recording import room
+from imu_bench.recording import place
 from imu_bench.recording.interruption import Interruption
 from imu_bench.recording.place import choose
 import pytest
@@ -156,7 +156,7 @@ def test_without_ros_it_says_how_to_get_it(imu_bench, tmp_path, monkeypatch):
 )
 def test_what_a_bench_takes_follows_from_its_sensors(masts, storage, per_message):
     messages = 200 * 2 + 503.6 * 1.02  # an inclinometer with its angles, an IMU, temperatures
-    found = room.bytes_per_second(masts, storage)
+    found = place.bytes_per_second(masts, storage)
     assert per_message[0] < found / messages < per_message[1]
 
 
@@ -183,20 +183,20 @@ def test_a_disk_without_room_is_said_before_anything_starts(imu_bench, disk, tmp
 
 def test_how_long_there_is_room_for(disk, tmp_path):
     disk(10_000_000_000)
-    assert room.check(tmp_path / 'a', 1e6, None) == '10.0 GB free, room for about 2 h 45 min'
-    assert room.check(tmp_path / 'a', 1e6, 3600.0).startswith('about 3.6 GB of the 10.0 GB')
+    assert place.check(tmp_path / 'a', 1e6, None) == '10.0 GB free, room for about 2 h 45 min'
+    assert place.check(tmp_path / 'a', 1e6, 3600.0).startswith('about 3.6 GB of the 10.0 GB')
     disk(20_000_000)
     with pytest.raises(RecordingError, match=r'60.0 s of recording take about 66.\d MB, and 20.0'):
-        room.check(tmp_path / 'a', 1e6, None)
+        place.check(tmp_path / 'a', 1e6, None)
 
 
 def test_what_is_said_to_fit_does(disk, tmp_path):
     disk(1_000_000_000)
     with pytest.raises(RecordingError) as caught:
-        room.check(tmp_path / 'a', 1e6, 5000.0)
+        place.check(tmp_path / 'a', 1e6, 5000.0)
     most = float(str(caught.value).rpartition('or record ')[2].split()[0])
     assert most > 900.0
-    assert room.check(tmp_path / 'a', 1e6, most - 1.0)
+    assert place.check(tmp_path / 'a', 1e6, most - 1.0)
 
 
 # --- signals -------------------------------------------------------------------------------

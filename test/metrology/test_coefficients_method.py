@@ -5,6 +5,7 @@ from itertools import pairwise
 
 from imu_bench.errors import DataError
 from imu_bench.metrology.deviations import confidence
+from imu_bench.metrology.fitting.fit_report import seconds_needed
 from imu_bench.metrology.fitting.model_fit import degrees_of_freedom, octaves_of, prepare, solve
 from imu_bench.metrology.fitting.noise_model import (
     density_basis,
@@ -14,7 +15,6 @@ from imu_bench.metrology.fitting.noise_model import (
     GM_PEAK_TAU,
     variance_basis,
 )
-from imu_bench.metrology.fitting.record_length import seconds_needed
 from imu_bench.metrology.fitting.scoring import subsets
 from imu_bench.metrology.fitting.transfer import overlapped_degrees, transfer
 from imu_bench.metrology.fitting.uncertainty import pearson3_below, respond

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 
-from imu_bench.nodes import shared_memory
+from imu_bench.nodes import processes
 import pytest
 
 PUBLISHER = """
@@ -31,7 +31,7 @@ def owned(process):
     """Return the segments of a process: those whose lock files it has locked."""
     locks = LOCK.findall(Path('/proc/locks').read_text())
     inodes = {int(inode) for owner, inode in locks if int(owner) == process.pid}
-    files = shared_memory.FOLDER.glob('fastrtps_*_el')
+    files = processes.FOLDER.glob('fastrtps_*_el')
     names = {path.name.removesuffix('_el') for path in files if path.stat().st_ino in inodes}
     return {name for name in names if 'port' not in name}
 
@@ -61,7 +61,7 @@ def publisher():
 def make_old(names):
     """Let lock files look as if they were there for a minute."""
     for name in names:
-        for lock in shared_memory.FOLDER.glob(f'{name}_[es]l'):
+        for lock in processes.FOLDER.glob(f'{name}_[es]l'):
             os.utime(lock, (lock.stat().st_mtime - 60.0,) * 2)
 
 
@@ -74,12 +74,12 @@ def test_a_killed_publisher_leaves_nothing_and_a_living_one_keeps_everything(pub
     assert not left & used
     dead.send_signal(signal.SIGKILL)
     dead.wait()
-    there = {path.name for path in shared_memory.FOLDER.iterdir()}
+    there = {path.name for path in processes.FOLDER.iterdir()}
     assert left <= there  # nobody else has tidied up
     make_old(left | used)
-    removed = shared_memory.remove_leftovers()
+    removed = processes.remove_leftovers()
     assert left <= set(removed)
-    there = {path.name for path in shared_memory.FOLDER.iterdir()}
+    there = {path.name for path in processes.FOLDER.iterdir()}
     assert not any(name.startswith(tuple(left)) for name in there)
     assert used <= there
     assert {f'{name}_el' for name in used} <= there
@@ -101,7 +101,7 @@ def folder(tmp_path):
 
 
 def test_a_segment_and_a_port_go_with_all_that_belongs_to_them(folder):
-    removed = shared_memory.remove_leftovers(folder)
+    removed = processes.remove_leftovers(folder)
     assert sorted(removed) == ['fastrtps_0123456789abcdef', 'fastrtps_port7412']
     assert sorted(path.name for path in folder.iterdir()) == [
         'fastrtps_mine_el',
@@ -114,7 +114,7 @@ def test_a_segment_and_a_port_go_with_all_that_belongs_to_them(folder):
 def test_what_is_locked_stays(folder, how):
     with (folder / 'fastrtps_port7412_sl').open('rb') as file:
         fcntl.flock(file, how)
-        assert shared_memory.remove_leftovers(folder) == ['fastrtps_0123456789abcdef']
+        assert processes.remove_leftovers(folder) == ['fastrtps_0123456789abcdef']
     assert (folder / 'sem.fastrtps_port7412_mutex').exists()
 
 
@@ -126,13 +126,13 @@ def test_what_is_mapped_stays(folder):
         (folder / 'fastrtps_port7412').open('r+b') as file,
         mmap.mmap(file.fileno(), mmap.PAGESIZE),
     ):
-        assert shared_memory.remove_leftovers(folder) == ['fastrtps_0123456789abcdef']
+        assert processes.remove_leftovers(folder) == ['fastrtps_0123456789abcdef']
 
 
 def test_what_is_young_may_not_be_locked_yet(folder):
     os.utime(folder / 'fastrtps_port7412_sl')
-    assert shared_memory.remove_leftovers(folder) == ['fastrtps_0123456789abcdef']
+    assert processes.remove_leftovers(folder) == ['fastrtps_0123456789abcdef']
 
 
 def test_where_there_is_no_such_folder_there_is_nothing_to_do(tmp_path):
-    assert shared_memory.remove_leftovers(tmp_path / 'none') == []
+    assert processes.remove_leftovers(tmp_path / 'none') == []

@@ -5,7 +5,7 @@ from io import StringIO
 from types import SimpleNamespace
 
 from imu_bench.errors import NotReady
-from imu_bench.recording.live import say
+from imu_bench.recording.showing import say
 import pytest
 from rich.console import Console
 
@@ -55,7 +55,7 @@ def test_it_ends_when_the_time_is_over(running, now):
 
 
 def test_a_line_says_how_long_it_ran_what_is_left_and_the_rates(running, now, monkeypatch):
-    monkeypatch.setattr('imu_bench.recording.room.free_bytes', lambda bag: 40_000_000)
+    monkeypatch.setattr('imu_bench.recording.place.free_bytes', lambda bag: 40_000_000)
     now.s += 20.0
     assert running.showing.line(running.showing.heading(None)).startswith('starting: tilt ')
     assert list(running.showing.look()) == ['0:00:20 WARNING: tilt: nothing heard for 5 s']
@@ -73,7 +73,7 @@ def test_it_ends_when_somebody_wishes_it(running):
 def test_a_disk_that_runs_full_ends_it_in_time(running, now, tmp_path, monkeypatch):
     (tmp_path / 'bag_0.mcap').write_bytes(bytes(10_000_000))
     free = 40_000_000
-    monkeypatch.setattr('imu_bench.recording.room.free_bytes', lambda bag: free)
+    monkeypatch.setattr('imu_bench.recording.place.free_bytes', lambda bag: free)
     now.s += 20.0  # half a megabyte a second
     assert list(running.showing.look()) == [
         '0:00:20 WARNING: tilt: nothing heard for 5 s',

@@ -19,7 +19,7 @@ GRAPH = {
 @pytest.fixture
 def find(monkeypatch):
     """Return the function that waits for topics, on a clock that runs while it sleeps."""
-    from imu_bench.recording import topics
+    from imu_bench.recording import session
 
     clock = [0.0]
     monkeypatch.setattr('time.monotonic', lambda: clock[0])
@@ -27,7 +27,7 @@ def find(monkeypatch):
 
     def wait(graphs, wanted=(), ask=lambda: None):
         graph = graphs if callable(graphs) else lambda: graphs
-        return topics.await_topics(graph, wanted, ask), clock[0]
+        return session.await_topics(graph, wanted, ask), clock[0]
 
     return wait
 
