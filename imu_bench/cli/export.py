@@ -128,7 +128,7 @@ def _places(name: str, output: Path | None) -> int:
     """Write where the sensors of a bench are."""
     from imu_bench.bench import load_bench
     from imu_bench.config.location import named_file
-    from imu_bench.offline.exports.urdf import urdf
+    from imu_bench.offline.exports.ros import urdf
     from imu_bench.offline.whole_files import write_text
 
     path = named_file('benches', name)

@@ -10,7 +10,7 @@ from imu_bench.metrology.markov.gauss_markov import Process
 from imu_bench.metrology.noise_fit import fitted
 from imu_bench.offline.analysis import drift
 from imu_bench.offline.analysis.blocks import averages
-from imu_bench.offline.analysis.drift_models import Drift, DriftModel
+from imu_bench.offline.analysis.drift import Drift, DriftModel
 import numpy as np
 import pytest
 

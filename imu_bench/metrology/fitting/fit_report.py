@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-From a choice of noise terms to estimates with intervals, bounds and advice.
-
-How long a record must be for a noise coefficient to be known well enough.
-"""
+"""From a choice of noise terms to estimates with intervals, bounds, and how long to record."""
 
 from __future__ import annotations
 

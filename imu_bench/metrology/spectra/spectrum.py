@@ -4,8 +4,6 @@ Noise density of a sensor: from the spectrum, from sigma and bandwidth, and how 
 
 Every density here is one-sided, as datasheets give it.  The coefficient N of
 an Allan curve is the square root of the two-sided density: one-sided = sqrt(2) N.
-
-Whether the noise densities of three methods agree, and what it means if they do not.
 """
 
 from __future__ import annotations

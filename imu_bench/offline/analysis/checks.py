@@ -20,7 +20,7 @@ from imu_bench.metrology.stretches import longest
 from imu_bench.metrology.whittle import disagreements
 from imu_bench.offline.analysis import drift, steadiness
 from imu_bench.offline.analysis.blocks import averages, Blocks
-from imu_bench.offline.analysis.drift_models import Drift
+from imu_bench.offline.analysis.drift import Drift
 from imu_bench.offline.analysis.json_forms import normality_from_json
 from imu_bench.offline.analysis.steadiness import Steadiness
 from imu_bench.offline.analysis.typed import plain

@@ -14,7 +14,7 @@ from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.noise_model import FLICKER_FLOOR, GaussMarkov
 from imu_bench.metrology.spectra.spectrum import two_sided
 from imu_bench.offline.analysis.axis_result import AxisResult
-from imu_bench.offline.analysis.drift_models import DriftModel, METHODS
+from imu_bench.offline.analysis.drift import DriftModel, METHODS
 from imu_bench.offline.analysis.results import RecordingResult
 from imu_bench.offline.notation import date, duration, rate_text
 from imu_bench.version import __version__

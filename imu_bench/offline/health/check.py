@@ -12,12 +12,11 @@ from imu_bench.metrology.stamps.timing import analyse, Gap, Timing
 from imu_bench.offline.analysis.axes import axes, Axis
 from imu_bench.offline.analysis.typed import fields_of
 from imu_bench.offline.health import runs, signals, stamps
-from imu_bench.offline.health.delivery import delivery_findings
 from imu_bench.offline.health.finding import Finding, SEVERITIES, worst
 from imu_bench.offline.health.motion import detect, Motion
 from imu_bench.offline.health.runs import AxisFacts
 from imu_bench.offline.health.signals import Spikes
-from imu_bench.offline.health.stamps import reading_findings
+from imu_bench.offline.health.stamps import delivery_findings, reading_findings
 from imu_bench.offline.notation import number, percent
 from imu_bench.offline.recordings import Recording
 from imu_bench.offline.recordings.companions import companion

@@ -17,8 +17,7 @@ from typing import NamedTuple
 from imu_bench.bags import metadata
 from imu_bench.bags.writer import STORAGES
 from imu_bench.errors import RecordingError
-from imu_bench.offline.imports.entry import Entry
-from imu_bench.offline.imports.outputs import BagOutput, ColumnOutput, Output, TableOutput
+from imu_bench.offline.imports.outputs import BagOutput, ColumnOutput, Entry, Output, TableOutput
 from imu_bench.offline.imports.taking import taken
 from imu_bench.offline.recordings import ReadOptions
 from imu_bench.offline.running.mapped import MappedLimit

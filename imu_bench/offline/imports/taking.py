@@ -17,7 +17,7 @@ from imu_bench.bags.block import Block, Channel, Storage
 from imu_bench.bags.ros1 import Ros1File
 from imu_bench.counting import listed
 from imu_bench.errors import RecordingError
-from imu_bench.offline.imports.naming import is_from_bag
+from imu_bench.offline.imports.tracks import is_from_bag
 from imu_bench.offline.recordings import ReadOptions, Recording
 from imu_bench.offline.recordings.cache import columns
 from imu_bench.offline.recordings.decoding import constant, decode_numbers

@@ -9,7 +9,7 @@ from itertools import cycle
 
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.analysis.axis_result import AxisResult
-from imu_bench.offline.analysis.drift_models import Trace
+from imu_bench.offline.analysis.drift import Trace
 from imu_bench.offline.analysis.results import RecordingResult
 from imu_bench.offline.comparing.runs import distinct
 from imu_bench.offline.notation import number, readable_unit

@@ -11,7 +11,7 @@ from statistics import median
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.noise_model import TERM_NAMES
 from imu_bench.offline.analysis.axis_result import AxisResult
-from imu_bench.offline.analysis.drift_models import METHODS as DRIFT_METHODS
+from imu_bench.offline.analysis.drift import METHODS as DRIFT_METHODS
 from imu_bench.offline.analysis.results import RecordingResult
 from imu_bench.offline.health import Health
 from imu_bench.offline.notation import date, duration, percent, short, unit_of

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.fitting.noise_model import TERM_NAMES
 from imu_bench.offline.analysis.axis_result import AxisResult
-from imu_bench.offline.analysis.drift_models import METHODS, Tracking
+from imu_bench.offline.analysis.drift import METHODS, Tracking
 from imu_bench.offline.analysis.results import Analysis, RecordingResult
 from imu_bench.offline.comparing.sensors import Comparison
 from imu_bench.offline.health import Health

@@ -10,7 +10,7 @@ from typing import Any
 
 from imu_bench.errors import RecordingError
 from imu_bench.offline.analysis.axis_result import AxisResult, Envelope
-from imu_bench.offline.analysis.drift_models import Correlation, Trace
+from imu_bench.offline.analysis.drift import Correlation, Trace
 from imu_bench.offline.analysis.json_forms import (
     histogram_from_json,
     histogram_to_json,

@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from imu_bench.errors import RecordingError
 from imu_bench.offline.imports import FORMS, import_recordings
-from imu_bench.offline.imports.naming import Names, token, topic
 from imu_bench.offline.imports.outputs import rows
-from imu_bench.offline.imports.tracks import reported
+from imu_bench.offline.imports.tracks import Names, reported, token, topic
 from imu_bench.offline.recordings import find_recordings, load_all, open_source, ReadOptions
 from imu_bench.offline.recordings.cells import nanoseconds
 import numpy as np

@@ -7,7 +7,7 @@ from imu_bench import drivers
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.analysis.axis_result import AxisResult
-from imu_bench.offline.analysis.drift_models import Drift, DriftModel
+from imu_bench.offline.analysis.drift import Drift, DriftModel
 from imu_bench.offline.analysis.recording import analyse
 from imu_bench.offline.comparing.sensors import stated_rate
 from imu_bench.offline.plans.static import Static
