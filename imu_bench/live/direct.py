@@ -17,6 +17,7 @@ import threading
 from typing import Any
 
 from imu_bench import bench, wires
+from imu_bench.account import FIRST, MISSED, STORED
 from imu_bench.acquisition import AcquisitionStats
 from imu_bench.bags.background import BackgroundWriter
 from imu_bench.bags.topic_info import describe, OfferedQos
@@ -232,10 +233,10 @@ class DirectRecording:
             'dropped': writer.dropped,
         }
         for topic, count in counts.items():
-            values |= {f'stored.{topic}': count}
+            values |= {STORED + topic: count}
             if topic != DIAGNOSTICS:
                 # nothing lies between who publishes and who stores
-                values |= {f'missed.{topic}': 0, f'first_sequence.{topic}': 0}
+                values |= {MISSED + topic: 0, FIRST + topic: 0}
         return Status(RECORDER, level, message, str(self._bag), values)
 
 

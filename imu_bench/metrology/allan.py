@@ -193,23 +193,6 @@ class DynamicDeviation:
     window: float  # length of the window in s
     curves: tuple[DeviationCurve | None, ...]  # None where gaps leave not one averaging time
 
-    def surface(self) -> tuple[Floats, Floats, Integers]:
-        """
-        Return averaging times (k,), deviations (w, k) and numbers of terms (w, k).
-
-        Where a window does not have an averaging time, its deviation and terms are 0.
-        """
-        known = [curve for curve in self.curves if curve is not None]
-        tau = np.unique(np.concatenate([curve.tau for curve in known] or [np.empty(0)]))
-        values = np.zeros((len(self.curves), tau.size))
-        terms = np.zeros(values.shape, np.int64)
-        for row, curve in enumerate(self.curves):
-            if curve is not None:
-                at = np.searchsorted(tau, curve.tau)
-                values[row, at] = curve.deviation
-                terms[row, at] = curve.terms
-        return tau, values, terms
-
 
 def dynamic_deviation(
     data: npt.ArrayLike,
@@ -247,7 +230,7 @@ def dynamic_deviation(
     >>> noise = np.random.default_rng(7).normal(size=6000)
     >>> noise[3000:] *= 10.0
     >>> moving = dynamic_deviation(noise, 100.0, window_s=10.0, step_s=25.0, tau=[0.1])
-    >>> moving.start.tolist(), moving.surface()[1].round(1).ravel().tolist()
+    >>> moving.start.tolist(), [float(curve.deviation[0].round(1)) for curve in moving.curves]
     ([0.0, 25.0, 50.0], [0.3, 2.0, 3.4])
     """
     values = _series(data)

@@ -24,6 +24,7 @@ from imu_bench.account import (
     SEVERAL,
     several,
     several_record,
+    STORED,
     TURNED_AWAY,
 )
 from imu_bench.bags.background import BackgroundWriter
@@ -296,7 +297,7 @@ class RecorderNode(parameters.FromDump):
             'waiting': writer.waiting,
             'spilled': writer.spilled,
             'dropped': dropped,
-            **{f'stored.{name}': count for name, count in stored.items()},
+            **{STORED + name: count for name, count in stored.items()},
             **{SEVERAL + name: names for name, names in self._several.items()},
             **{FOREIGN + name: count for name, count in self._foreign.items() if count},
             **{BESIDE + name: count for name, count in beside.items()},

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
+from imu_bench.account import FIRST, MISSED
+
 _NOBODY = -1
 
 
@@ -64,10 +66,10 @@ class Sequences:
     def entries(self, topic: str) -> dict[str, object]:
         """Return what goes to /diagnostics."""
         if not self.known:
-            return {f'missed.{topic}': 'not known'}
+            return {MISSED + topic: 'not known'}
         return {
-            f'missed.{topic}': self.missed,
-            f'first_sequence.{topic}': self.before,
+            MISSED + topic: self.missed,
+            FIRST + topic: self.before,
             f'publishers.{topic}': self.publishers,
         }
 

@@ -128,15 +128,12 @@ def test_moving_window_is_the_deviation_of_each_window(noise):
     moving = allan.dynamic_deviation(data, 10.0, 50.0, 25.0, valid=valid, tau=[1.0, 10.0])
     assert moving.start.tolist() == [0.0, 25.0, 50.0, 75.0, 100.0, 125.0, 150.0, 175.0, 200.0,
                                      225.0, 250.0]  # fmt: skip
-    tau, values, terms = moving.surface()
-    assert tau.tolist() == [1.0, 10.0]
+    assert moving.curves[1].tau.tolist() == [1.0, 10.0]
     alone = allan.deviation(data[250:750], 10.0, tau=[1.0, 10.0])
-    np.testing.assert_array_equal(values[1], alone.deviation)
+    np.testing.assert_array_equal(moving.curves[1].deviation, alone.deviation)
     assert moving.curves[4] is None
-    assert values[4].tolist() == [0.0, 0.0]
-    assert terms[4].tolist() == [0, 0]
     # samples 750 to 999 of the window from 75 s are there
-    assert terms[3].tolist() == [250 - 20 + 1, 250 - 200 + 1]
+    assert moving.curves[3].terms.tolist() == [250 - 20 + 1, 250 - 200 + 1]
 
 
 def test_moving_window_that_does_not_fit(noise):

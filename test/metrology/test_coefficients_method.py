@@ -73,7 +73,7 @@ def test_degrees_of_freedom_agree_with_greenhall_and_riley(alpha):
     n = 100_000
     m = np.array([3, 10, 30, 100, 300, 1000, 3000, 10_000, 25_000])
     ours = overlapped_degrees(np.full(m.size, alpha), m, 1.0, n)
-    theirs = confidence.edf_oadev(alpha, m, n + 1)
+    theirs = confidence.edf('oadev', alpha, m, n + 1)
     np.testing.assert_allclose(ours, theirs, rtol=0.12)
     np.testing.assert_allclose(ours[1:], theirs[1:], rtol=0.08)
 

@@ -110,21 +110,21 @@ def test_degrees_of_freedom_are_sane(kind, alpha, m, n):
 
 def test_between_whole_exponents():
     below, above = confidence.edf('oadev', [-1.0, 0.0], 100, 10_000)
-    middle = float(confidence.edf_oadev(-0.5, 100, 10_000))
+    middle = float(confidence.edf('oadev', -0.5, 100, 10_000))
     assert middle == pytest.approx(np.sqrt(below * above))
 
 
 def test_shapes_broadcast():
     m = np.array([1, 10, 100])
-    assert confidence.edf_oadev(0.0, m, 10_000).shape == (3,)
-    assert confidence.edf_oadev(np.array([[0.0], [-2.0]]), m, 10_000).shape == (2, 3)
+    assert confidence.edf('oadev', 0.0, m, 10_000).shape == (3,)
+    assert confidence.edf('oadev', np.array([[0.0], [-2.0]]), m, 10_000).shape == (2, 3)
 
 
 def test_runs_of_many_lengths():
     """Hundreds of lengths go into groups; the sum stays within a percent of the whole."""
     lengths = np.random.default_rng(1).integers(60, 4000, size=500)
     m = np.array([1, 7, 25])
-    each = np.array([[float(confidence.edf_oadev(0, f, n)) for n in lengths] for f in m])
+    each = np.array([[float(confidence.edf('oadev', 0, f, n)) for n in lengths] for f in m])
     terms = lengths[None, :] + 1.0 - 2.0 * m[:, None]
     wanted = terms.sum(axis=1) ** 2 / (terms**2 / each).sum(axis=1)
     found = confidence.edf_of_runs('oadev', np.zeros(3, np.int64), m, lengths)

@@ -122,7 +122,7 @@ def test_s_216_hours_for_a_process_of_24_hours_to_a_quarter():
 
 def test_s_216_hours_give_more_than_that_with_overlap():
     """The formula knows no overlap: the χ² interval of white noise at T/9 is narrower."""
-    degrees = float(confidence.edf_oadev(0, 24_000, 216_001))
+    degrees = float(confidence.edf('oadev', 0, 24_000, 216_001))
     assert 1.0 / math.sqrt(2.0 * degrees) == pytest.approx(0.21, abs=0.01)
 
 

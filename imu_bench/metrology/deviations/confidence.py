@@ -90,11 +90,6 @@ def edf(kind: str, alpha: npt.ArrayLike, m: npt.ArrayLike, n: npt.ArrayLike) -> 
     return np.array(values).reshape(factors.shape)
 
 
-def edf_oadev(alpha: npt.ArrayLike, m: npt.ArrayLike, n: npt.ArrayLike) -> Floats:
-    """Return `edf` of the overlapped Allan variance."""
-    return edf('oadev', alpha, m, n)
-
-
 def edf_of_runs(kind: str, alpha: npt.ArrayLike, m: Integers, lengths: Integers) -> Floats:
     """
     Return the degrees of freedom of estimates pooled over runs between gaps.

@@ -89,23 +89,6 @@ class Decay:
         return Process(self.sigma.value, self.T_c.value)
 
 
-def block_average(data: npt.ArrayLike, rate_hz: float, block_s: float) -> tuple[Floats, float]:
-    """
-    Return averages over blocks that do not overlap, and their rate in Hz.
-
-    A process far below the white noise of a sample comes out once enough samples are averaged;
-    a tenth of the correlation time costs the process nothing.  A moving average would do the
-    same but leave neighbours that share samples, whose white noise looks correlated.
-    """
-    x = _samples(data, rate_hz)
-    size = max(round(block_s * rate_hz), 1)
-    blocks = x.size // size
-    if blocks < 2:
-        raise DataError(f'{x.size / rate_hz:g} s of data hold no two blocks of {block_s:g} s')
-    averages = x[: blocks * size].reshape(blocks, size).mean(axis=1)
-    return np.asarray(averages, np.float64), rate_hz / size
-
-
 def autocorrelation(
     data: npt.ArrayLike, rate_hz: float, *, longest_s: float | None = None, unit: str = '1'
 ) -> Autocorrelation:

@@ -55,13 +55,6 @@ class Process:
         """Strength of the driving noise, sigma √(2/T_c): IEEE Std 952-1997 annex C."""
         return self.sigma * math.sqrt(2.0 / self.correlation_time)
 
-    @classmethod
-    def from_strength(cls, q_c: float, correlation_time: float) -> Process:
-        """Return the process of a driving noise q_c: sigma = q_c √(T_c/2)."""
-        if not correlation_time > 0.0:
-            raise DataError(f'correlation time must be positive, got {correlation_time} s')
-        return cls(q_c * math.sqrt(0.5 * correlation_time), correlation_time)
-
     def transition(self, step: float) -> float:
         """Return e^(−step/T_c): equation 3.27 of the thesis named above."""
         return math.exp(-step / self.correlation_time)
