@@ -42,7 +42,7 @@ class Demand:
     kind: str  # kind of its bus
     rate_hz: float  # of its main stream, as set
     look_period_s: float  # how often its driver reads
-    # transfers, counted as in `imu_bench.doctor.demand.Meter`
+    # transfers, counted as in `Meter`
     per_second: npt.NDArray[np.float64]
     depth_s: float  # for so long nobody has to look before samples are lost; `math.inf` beyond 2 s
 

@@ -15,7 +15,7 @@ from imu_bench.errors import NotReady
 from imu_bench.live.views import RecorderView, SensorView
 from imu_bench.nodes import discovery
 from imu_bench.nodes.diagnostics import fresh
-from imu_bench.nodes.publishers import named
+from imu_bench.nodes.others import named
 from msg_conversions.quantities import IMU_QUANTITIES
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters

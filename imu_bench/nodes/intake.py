@@ -21,7 +21,7 @@ import time
 from typing import Any, NamedTuple
 
 from imu_bench.nodes import qos
-from imu_bench.nodes.publishers import Apart, Ownership, process, several_publishers
+from imu_bench.nodes.others import Apart, Ownership, process, several_publishers
 from imu_bench.nodes.sequences import Sequences
 from msg_conversions import blocks
 import numpy as np

@@ -1,15 +1,233 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much others may add to the bag of a bench, and who else records it."""
+"""Others on the topics of a bench: who publishes, who records, what they ask for and add."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from datetime import datetime, timezone
 import time
+from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
+from imu_bench.account import ASKED, MORE_ASKED, SEVERAL, several
+from imu_bench.counting import clean
 from imu_bench.nodes.diagnostics import fresh
-from msg_conversions import diagnostics
+from msg_conversions import blocks, building, diagnostics
 import numpy as np
 import numpy.typing as npt
+from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+_PARTICIPANT = 12
+"""Bytes of a publisher's identity that all of one process share: OMG DDSI-RTPS 2.5, 8.2.4.1."""
+
+QUIET_NS = 1_000_000_000
+"""
+A node that was killed comes back no sooner: importing ROS 2 alone takes longer.  Who speaks
+while another of the same name still does is a second one.
+"""
+
+SETTLED_S = 1.0
+"""A message goes out at once, and in a block 0.05 s later: by then both have come."""
+
+KEPT_S = 10.0
+"""So long what came in blocks is known; single messages that come later are taken for foreign."""
+
+
+def process(publisher: TopicEndpointInfo) -> bytes:
+    """Return what identifies the process of a publisher."""
+    return bytes(publisher.endpoint_gid[:_PARTICIPANT])
+
+
+RECORDERS = ('recorder', 'rosbag2_recorder')
+"""Nodes that record: ours, and that of `ros2 bag record`."""
+
+UNNAMED = 'a program that is no node of ROS 2'
+
+
+def named(publisher: TopicEndpointInfo) -> str:
+    """Return the full name of the node of a publisher."""
+    name, space = publisher.node_name, publisher.node_namespace
+    # rmw: _NODE_NAME_UNKNOWN_, _CREATED_BY_BARE_DDS_APP_
+    if name.startswith(('_NODE_', '_CREATED_')):
+        return UNNAMED
+    return clean(f'{space.rstrip("/")}/{name}')
+
+
+def recorders(subscribers: Iterable[TopicEndpointInfo]) -> list[str]:
+    """Return the names of the nodes that record, one for each process."""
+    found = {process(each): named(each) for each in subscribers if each.node_name in RECORDERS}
+    return sorted(found.values())
+
+
+def several_publishers(
+    publishers: Iterable[TopicEndpointInfo],
+    carriers: Iterable[TopicEndpointInfo] = (),
+    *,
+    interleaved: bool = False,
+) -> list[str]:
+    """
+    Return the names of all who publish a topic, if they are several; else nothing.
+
+    A node that was killed stays in the graph for a while, beside the one that was started in its
+    place: two of one name are several only if their messages are `interleaved`.
+    """
+    own = {process(each) for each in carriers}
+    every = list(publishers)
+    names = sorted({named(each) for each in every})
+    foreign = {named(each) for each in every if process(each) not in own}
+    if foreign and (own or len(foreign) > 1):
+        return names
+    if not interleaved:
+        return []
+    return names if len(names) > 1 else [f'{name}, twice' for name in names]
+
+
+class Ownership:
+    """
+    Whose blocks are those of a sensor.
+
+    One who speaks after another is its node, started again.  Two who speak at once are two, and
+    the first is the sensor.
+    """
+
+    def __init__(self) -> None:
+        self.interleaved = False
+        self._number: int | None = None
+        self._heard_ns = 0
+        self._before: set[int] = set()
+
+    def admits(self, publisher: int, published_ns: int) -> bool:
+        """Return whether a block is the sensor's own."""
+        if publisher != self._number:
+            quiet = published_ns - self._heard_ns > QUIET_NS
+            same = self._number is not None and publisher >> 32 == self._number >> 32
+            if not (self._number is None or quiet or same) or publisher in self._before:
+                self.interleaved = True
+                return False
+            if self._number is not None:
+                self._before.add(self._number)
+            self._number = publisher
+        self._heard_ns = max(self._heard_ns, published_ns)
+        return True
+
+
+class Apart:
+    """
+    Counts the messages of a topic that its sensor has not sent.
+
+    The sensor's own come in blocks as well; what does not is of somebody else.
+    """
+
+    def __init__(self) -> None:
+        self.foreign = 0
+        self._own: Counter[int] = Counter()
+        self._order: deque[tuple[float, int]] = deque()
+        self._waiting: deque[tuple[float, int]] = deque()
+
+    def own(self, messages: npt.NDArray[np.uint8], now_s: float | None = None) -> None:
+        """Take note of messages that the sensor has sent, shape (n, bytes)."""
+        now_s = time.monotonic() if now_s is None else now_s
+        for row in messages:
+            key = hash(row.tobytes())
+            self._own[key] += 1
+            self._order.append((now_s, key))
+        while self._order and now_s - self._order[0][0] > KEPT_S:
+            _, key = self._order.popleft()
+            del self._own[key]
+
+    def heard(self, messages: Iterable[bytes], now_s: float | None = None) -> None:
+        """Take note of single messages; whose they are is known a little later."""
+        now_s = time.monotonic() if now_s is None else now_s
+        self._waiting.extend((now_s, hash(message)) for message in messages)
+        self.settle(now_s)
+
+    def settle(self, now_s: float | None = None) -> None:
+        """Count those of others among the messages that have waited long enough."""
+        now_s = time.monotonic() if now_s is None else now_s
+        while self._waiting and now_s - self._waiting[0][0] > SETTLED_S:
+            _, key = self._waiting.popleft()
+            if self._own[key] > 0:
+                self._own[key] -= 1
+            else:
+                self.foreign += 1
+
+
+MOST = 100
+"""Requests that are told one by one; who asks more often is known by then."""
+
+
+class Guard:
+    """Keeps a sensor that is recorded as it is, and says who meddled."""
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._node: Any = node  # rclpy of Jazzy has few type hints
+        self._name = name
+        self._own = False
+        self._asked: dict[str, str] = {}
+        self._more = 0
+        self._latest = ''
+
+    @contextmanager
+    def own(self) -> Iterator[None]:
+        """Do what nobody but the node itself has asked for."""
+        self._own = True
+        try:
+            yield
+        finally:
+            self._own = False
+
+    def note(self, what: str, done: str) -> None:
+        """Write down that somebody has asked for something, with the time."""
+        at = datetime.now(timezone.utc).isoformat(timespec='milliseconds')
+        self._latest = f'{what}: {done}'
+        if len(self._asked) >= MOST or at in self._asked:
+            self._more += 1  # counted, so that nobody fills the disk by asking
+            return
+        self._asked[at] = self._latest
+        self._node.get_logger().warning(f'{self._name}: somebody asked to {self._latest}')
+
+    def permits(self, what: str, *, stops: bool = True) -> bool:
+        """
+        Return whether a change may be made; it is written down if somebody else asks for it.
+
+        While the sensor is recorded nobody else may do what `stops` it.
+        """
+        if self._own:
+            return True
+        names = self._recorders()
+        refused = stops and bool(names)
+        self.note(what, f'refused, recorded by {", ".join(names)}' if refused else 'done')
+        return not refused
+
+    def _recorders(self) -> list[str]:
+        topics = (blocks.TOPIC, 'imu/data_raw')
+        found = [
+            each
+            for topic in map(self._node.resolve_topic_name, topics)
+            for each in self._node.get_subscriptions_info_by_topic(topic)
+        ]
+        return recorders(found)
+
+    def status(self, topics: Iterable[str]) -> DiagnosticStatus:
+        """Return who else publishes the sensor's topics, and what was asked of it."""
+        found = {}
+        for topic in map(self._node.resolve_topic_name, topics):
+            if self._node.count_publishers(topic) > 1:
+                every = self._node.get_publishers_info_by_topic(topic)
+                names = sorted({named(each) for each in every})
+                if len(names) > 1:  # one of its own name was killed, or the recorder tells
+                    found[topic] = ', '.join(names)
+        level, line = ('warn', self._latest) if self._asked else ('ok', 'alone')
+        if found:
+            level, line = 'error', several(*next(iter(found.items())))
+        values: dict[str, object] = {f'{ASKED}{at}': what for at, what in self._asked.items()}
+        values |= {MORE_ASKED: self._more} if self._more else {}
+        values |= {SEVERAL + topic: names for topic, names in found.items()}
+        return building.diagnostic_status(f'{self._name}: others', level, line, '', values)
+
 
 MOST_BESIDE = 50
 """Topics of others that are recorded beside a bench, so that nobody makes it grow at will."""

@@ -36,8 +36,7 @@ from imu_bench.errors import RecordingError
 from imu_bench.nodes import diagnostics, discovery, network, parameters
 from imu_bench.nodes.discovery import message_class
 from imu_bench.nodes.intake import Intake
-from imu_bench.nodes.others import Others
-from imu_bench.nodes.publishers import recorders, UNNAMED
+from imu_bench.nodes.others import Others, recorders, UNNAMED
 from imu_bench.nodes.topic_names import DIAGNOSTICS, MEASURED, SUFFIXES
 from msg_conversions import building
 from msg_conversions.diagnostics import TYPE as DIAGNOSTICS_TYPE

@@ -36,7 +36,7 @@ from imu_bench.live.reading import ReaderDied, Reading, ReadingHere, ReadingProc
 from imu_bench.live.status import Health
 from imu_bench.nodes import diagnostics, parameters
 from imu_bench.nodes.fault_report import FaultReport
-from imu_bench.nodes.publishers import Guard
+from imu_bench.nodes.others import Guard
 from imu_bench.nodes.sensor_topics import SensorTopics
 from imu_bench.nodes.topic_names import ROOT
 from imu_bench.samples import Samples

@@ -5,7 +5,7 @@ from collections import Counter
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from imu_bench.account import BESIDE, counts, flooded, LEFT_OUT
-from imu_bench.nodes import publishers
+from imu_bench.nodes import others
 from imu_bench.nodes.others import BESIDE_BYTES, Others
 from imu_bench.nodes.recorder import message_class, RecorderNode
 from imu_bench.nodes.sensor import SensorNode
@@ -148,7 +148,7 @@ def ask(ros, client):
 
 
 def test_who_asks_without_end_is_counted_and_fills_no_log(ros, said, recorder, monkeypatch):
-    monkeypatch.setattr(publishers, 'MOST', 3)
+    monkeypatch.setattr(others, 'MOST', 3)
     client = ros.add(Node, 'visitor').create_client(
         ChangeState, '/bench/left/sensor_node/change_state'
     )

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 from imu_bench.nodes import sensor_topics
 from imu_bench.nodes.analysis import AnalysisNode
-from imu_bench.nodes.publishers import Apart, named
+from imu_bench.nodes.others import Apart, named
 from imu_bench.nodes.recorder import message_class, RecorderNode
 from imu_bench.nodes.sensor import SensorNode
 from imu_bench.nodes.sequences import Sequences

@@ -12,8 +12,8 @@ from imu_bench.offline.analysis.results import Analysis
 from imu_bench.offline.analysis.settings import Settings
 from imu_bench.offline.presentation.pages import render_report as render
 from imu_bench.offline.recordings import ReadOptions
+from imu_bench.offline.running.analyzing import Finished
 from imu_bench.offline.running.pipeline import Order, Outcome
-from imu_bench.offline.running.resume import Finished
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
