@@ -334,15 +334,12 @@ class ClockModel:
         self._anchor = min(points, key=lambda point: point[1] - point[0] * self._period)
 
     def _bridge(self) -> None:
-        """
-        Count what was lost: the line before the loss against the readings after it.
-
-        Both are lower envelopes, so that their difference is free of the
-        lateness of reading.  An oscillator that ran on, as it does through an
-        overflow, comes back with its old phase.  After a reset the phase is
-        another: the old points are moved onto it, which keeps what they know
-        of the period.
-        """
+        """Count what was lost: the line before the loss against the readings after it."""
+        # Both are lower envelopes, so that their difference is free of the
+        # lateness of reading.  An oscillator that ran on, as it does through an
+        # overflow, comes back with its old phase.  After a reset the phase is
+        # another: the old points are moved onto it, which keeps what they know
+        # of the period.
         jump = min(self._late(reading) for reading in self._readings)
         number = round(jump / self._period)
         lost = max(0, number)

@@ -95,11 +95,8 @@ class ColumnWriter:
 
 
 def _header(empty: np.ndarray, rows: int) -> bytes:
-    """
-    Return the header of a .npy file of version 1.0, always of the same length.
-
-    Source: NEP 1, "A simple file format for NumPy arrays".
-    """
+    """Return the header of a .npy file of version 1.0, always of the same length."""
+    # Source: NEP 1, "A simple file format for NumPy arrays".
     shape = (rows, *empty.shape[1:])
     text = f"{{'descr': {empty.dtype.str!r}, 'fortran_order': False, 'shape': {shape!r}, }}"
     room = _HEADER_BYTES - 11

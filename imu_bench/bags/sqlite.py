@@ -191,11 +191,8 @@ class SqliteFile:
 
 
 def _tables(connection: sqlite3.Connection) -> dict[str, int]:
-    """
-    Return the plain tables that a bag has and their first pages.
-
-    What is anything else, such as a view, could compute whatever it likes without end.
-    """
+    """Return the plain tables that a bag has and their first pages."""
+    # What is anything else, such as a view, could compute whatever it likes without end.
     query = 'SELECT name, type, rootpage, sql FROM sqlite_master'
     tables: dict[str, int] = {}
     for name, kind, page, sql in connection.execute(query):

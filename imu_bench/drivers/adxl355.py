@@ -291,12 +291,9 @@ class Adxl355(FifoDriver):
 
 
 def _twice(ask: Callable[..., _Answer], *what: Any) -> _Answer:
-    """
-    Ask once more for what was not acknowledged.
-
-    In a read the chip acknowledges its address alone (NXP UM10204, section 3.1.6): where it does
-    not, nothing was taken out of the FIFO.
-    """
+    """Ask once more for what was not acknowledged."""
+    # In a read the chip acknowledges its address alone (NXP UM10204, section 3.1.6): where it does
+    # not, nothing was taken out of the FIFO.
     try:
         return ask(*what)
     except NoAnswer:

@@ -186,12 +186,9 @@ def _life(make: Callable[[], Any], stop: _Stop) -> int:
 
 
 def _spare_the_collector() -> None:
-    """
-    Let the garbage collector never look again at what exists now.
-
-    The hundreds of thousands of objects of the imported packages stay for good, and one walk
-    through them takes longer than the FIFO of a chip at 1 kHz can wait.
-    """
+    """Let the garbage collector never look again at what exists now."""
+    # The hundreds of thousands of objects of the imported packages stay for good, and one walk
+    # through them takes longer than the FIFO of a chip at 1 kHz can wait.
     gc.collect()
     gc.freeze()
 

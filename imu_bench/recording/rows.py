@@ -250,12 +250,9 @@ class SensorRow(Row):
 
     @property
     def _progress(self) -> tuple[int, float]:
-        """
-        Return how many samples there are by now, and by when, s.
-
-        By the sensor's own stamps where it says them: its word may come late, and comes once
-        more when it has long been stopped.
-        """
+        """Return how many samples there are by now, and by when, s."""
+        # By the sensor's own stamps where it says them: its word may come late, and comes once
+        # more when it has long been stopped.
         view = self._view
         until_ns = view.number(f'{UNTIL}{SUFFIXES[0]}')
         if math.isnan(until_ns):

@@ -206,13 +206,10 @@ def flicker_filter(period_s: float) -> FlickerFilter:
 
 
 def _minimum_phase(gaps: Array) -> tuple[Array, float]:
-    """
-    Return 1 - zero of the minimum-phase factor, and its gain, for unit variances.
-
-    With v = (1 - z)²/z, the density of a process of pole a = 1 - g and unit variance is
-    (1 - a²)/a / (v_a - v), v_a = g²/a.  The sum has one zero between neighbouring poles,
-    and one at z = 0.
-    """
+    """Return 1 - zero of the minimum-phase factor, and its gain, for unit variances."""
+    # With v = (1 - z)²/z, the density of a process of pole a = 1 - g and unit variance is
+    # (1 - a²)/a / (v_a - v), v_a = g²/a.  The sum has one zero between neighbouring poles,
+    # and one at z = 0.
     poles = 1.0 - gaps
     places = gaps**2 / poles
     weights = gaps * (2.0 - gaps) / poles

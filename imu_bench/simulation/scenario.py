@@ -234,11 +234,8 @@ def _confined(motion: Motion, kind: Kind, spans: Iterable[Zone], fade_s: float) 
 
 
 def _replace(document: dict[Any, Any], override: str) -> None:
-    """
-    Put 'name=value' or 'motion.name=value' into the document of a scenario.
-
-    The value is read as YAML: a number, a list, true or false, or a text.
-    """
+    """Put 'name=value' or 'motion.name=value' into the document of a scenario."""
+    # The value is read as YAML: a number, a list, true or false, or a text.
     name, equals, text = override.partition('=')
     motion, dot, setting = name.strip().rpartition('.')
     if not equals or not setting:

@@ -179,11 +179,8 @@ def _edf(kind: str, alpha: int, m: int, n: int) -> float:
 
 
 def _short(alpha: int, m: int) -> float:
-    """
-    Return by how much short averages lower the degrees of freedom of the total variance.
-
-    Its table holds for long averages; the factor is that of the overlapped Allan variance.
-    """
+    """Return by how much short averages lower the degrees of freedom of the total variance."""
+    # Its table holds for long averages; the factor is that of the overlapped Allan variance.
     periods = 16
     return _edf('oadev', alpha, m, periods * m) / _edf('oadev', alpha, 100, periods * 100)
 

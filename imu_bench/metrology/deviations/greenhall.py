@@ -175,14 +175,11 @@ def _phase(lag: Floats, alpha: int) -> Floats:
 
 
 def _fractional(lag: Floats, delta: float) -> Floats:
-    """
-    Return the generalised autocovariance of sampled noise summed to the order delta.
-
-    Up to a factor it is Gamma(k + delta) / Gamma(k + 1 - delta) at lag k, the autocovariance
-    of fractionally integrated white noise (J. R. M. Hosking 1981, "Fractional differencing",
-    Biometrika 68(1):165), a polynomial for whole delta; for half-integers, where that is even in
-    k and differences wipe it out, what is left is its derivative by delta.
-    """
+    """Return the generalised autocovariance of sampled noise summed to the order delta."""
+    # Up to a factor it is Gamma(k + delta) / Gamma(k + 1 - delta) at lag k, the autocovariance
+    # of fractionally integrated white noise (J. R. M. Hosking 1981, "Fractional differencing",
+    # Biometrika 68(1):165), a polynomial for whole delta; for half-integers, where that is even in
+    # k and differences wipe it out, what is left is its derivative by delta.
     roots = np.arange(1.0 - delta % 1.0, delta)
     product: Floats = np.prod(lag[..., None] ** 2 - roots**2, axis=-1)
     if delta % 1.0:

@@ -177,12 +177,9 @@ class _Search:
         return _phase_noise(phase, factor, stretches) if found == 2 else found
 
     def _too_flat(self, factor: int) -> bool:
-        """
-        Return whether the deviation falls too slowly here for phase noise.
-
-        Shorter averages may still show it; its interval, of as many degrees of freedom as
-        samples, would be far too narrow.
-        """
+        """Return whether the deviation falls too slowly here for phase noise."""
+        # Shorter averages may still show it; its interval, of as many degrees of freedom as
+        # samples, would be far too narrow.
         if factor < 4:
             return False
         slopes = (self._slope(factor // part, factor) for part in (2, 4))
@@ -303,13 +300,10 @@ def _phase_noise(phase: Floats, m: int, stretches: Stretches) -> int:
 
 @lru_cache
 def _autocorrelations(d: int) -> tuple[Floats, Floats]:
-    """
-    Return the lag-1 autocorrelation of d-th differences for alpha = 1/2, -1/2, ...
-
-    First for noise at its own rate, r1 = delta / (1 - delta) with delta = -alpha/2 - (d - 1)
-    (Riley and Greenhall 2004), then for long averages of it, from the covariance of
-    integrated noise |t|^(1 - alpha).
-    """
+    """Return the lag-1 autocorrelation of d-th differences for alpha = 1/2, -1/2, ..."""
+    # First for noise at its own rate, r1 = delta / (1 - delta) with delta = -alpha/2 - (d - 1)
+    # (Riley and Greenhall 2004), then for long averages of it, from the covariance of
+    # integrated noise |t|^(1 - alpha).
     alphas = 0.5 - np.arange(d + 2)
     delta = -alphas / 2.0 - (d - 1)
     orders = np.arange(-d, d + 1)

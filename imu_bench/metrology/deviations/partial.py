@@ -118,11 +118,8 @@ def deviation_of_most(
 def _sums(
     phase: Floats, count: Integers, m: Integers, stride: Integers, min_share: float, run: Run
 ) -> tuple[Floats, Integers, Floats]:
-    """
-    Return sum and number of the squared differences of neighbouring averages.
-
-    And by how much their white noise is above that of averages that lack nothing.
-    """
+    """Return sum and number of the squared differences of neighbouring averages."""
+    # And by how much their white noise is above that of averages that lack nothing.
     sums, excess = np.zeros(m.size), np.zeros(m.size)
     terms = np.zeros(m.size, np.int64)
     thin_phase, thin_count, done = phase, count, 1
@@ -143,11 +140,8 @@ _PAST_FILTER = 30
 
 
 def _of_full_averages(variance: Floats, m: Integers, excess: Floats, span: int) -> Floats:
-    """
-    Return Allan variances less what missing samples add to their white noise.
-
-    How much of a variance is white says a sum of powers of m, weighted by what each point knows.
-    """
+    """Return Allan variances less what missing samples add to their white noise."""
+    # How much of a variance is white says a sum of powers of m, weighted by what each point knows.
     flat = m >= _PAST_FILTER
     used = flat if np.count_nonzero(flat) >= 5 else np.ones(m.size, np.bool_)
     steps = m[used].astype(np.float64)
@@ -164,11 +158,8 @@ def _of_full_averages(variance: Floats, m: Integers, excess: Floats, span: int) 
 def _of_factor(
     phase: Floats, count: Integers, m: int, least: float, run: Run
 ) -> tuple[float, int, float]:
-    """
-    Return sum and number of the squared differences of averages over m steps.
-
-    And the sum of the inverse numbers of samples in the averages of each.
-    """
+    """Return sum and number of the squared differences of averages over m steps."""
+    # And the sum of the inverse numbers of samples in the averages of each.
 
     def averages(start: int, stop: int) -> tuple[Floats, Mask, Integers]:
         mean = phase[start + m : stop + m] - phase[start:stop]
@@ -196,12 +187,9 @@ def _of_factor(
 def _moved_together(
     phase: Floats, valid: Mask, count: Integers, m: Integers, min_share: float
 ) -> tuple[Floats, noise_type.Stretches]:
-    """
-    Return the phase of the samples that are there, and its stretches between long holes.
-
-    It serves to tell white noise from flicker and walk, which a hole far shorter than the
-    averages does not change.
-    """
+    """Return the phase of the samples that are there, and its stretches between long holes."""
+    # It serves to tell white noise from flicker and walk, which a hole far shorter than the
+    # averages does not change.
     together = np.concatenate([phase[:1], phase[1:][valid]])
     holes = stretches(~valid)
     long = holes[holes[:, 1] - holes[:, 0] > (1.0 - min_share) * int(m[-1])]

@@ -222,11 +222,8 @@ def _checked(phase: npt.ArrayLike, m: Sequence[int], reach: int) -> Floats:
 
 
 def _over_stretches(points: Floats, m: int, scale: float) -> float:
-    """
-    Return the mean over all stretches of 3 m points of the second differences of m-averages.
-
-    Each stretch loses the line through the means of its halves and is reflected at both ends.
-    """
+    """Return the mean over all stretches of 3 m points of the second differences of m-averages."""
+    # Each stretch loses the line through the means of its halves and is reflected at both ends.
     length = 3 * m
     half = length // 2
     place = np.arange(length) - 0.5 * (length - 1)

@@ -160,11 +160,8 @@ class _Search:
         return float(trials[int(np.argmin(misfit))])
 
     def descend(self, start: float, floor: bool) -> list[tuple[float, LowPass]]:
-        """
-        Return the filters with which the best subset of each kind fits, each with its score.
-
-        With a floor, the first of the further terms is white noise.
-        """
+        """Return the filters with which the best subset of each kind fits, each with its score."""
+        # With a floor, the first of the further terms is white noise.
         data, masks = self.problem.variance, np.vstack([self.masks] * len(self.kinds))
         warped = np.full(len(masks), start)
         white = self._white(warped)

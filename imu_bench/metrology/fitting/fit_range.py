@@ -185,12 +185,9 @@ def _fit(judged: Judged) -> Range:
 
 
 def _filtered(whole: Range) -> Range | None:
-    """
-    Return the fit with white noise behind a low-pass filter, if a filter bends the curve.
-
-    The very start may follow a filter of another kind, or show the rounding behind it; after a
-    period of its cutoff every filter looks alike.
-    """
+    """Return the fit with white noise behind a low-pass filter, if a filter bends the curve."""
+    # The very start may follow a filter of another kind, or show the rounding behind it; after a
+    # period of its cutoff every filter looks alike.
     problem = whole.problem
     if problem.low_pass is not None or 'G' in problem.terms:
         return None
@@ -238,11 +235,8 @@ def _beyond(whole: Range, start: float) -> Range | None:
 
 
 def _weak(whole: Range) -> Range:
-    """
-    Return a fit that knows of a filter which the curve shows but does not need.
-
-    Whether it is there nobody knows; N can be as high as behind it.
-    """
+    """Return a fit that knows of a filter which the curve shows but does not need."""
+    # Whether it is there nobody knows; N can be as high as behind it.
     if whole.problem.low_pass is not None or 'G' in whole.problem.terms:
         return whole
     if not POSSIBLE < whole.evidence < np.inf:

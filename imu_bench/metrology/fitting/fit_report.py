@@ -180,12 +180,9 @@ class Report:
         )
 
     def _designed(self, at: int) -> Fitted:
-        """
-        Return the best subset joined by a term, weighted for as much of it as could hide.
-
-        Weights for noise without the term would look for it in the wrong place: a random walk
-        shows in the longest averaging times, which white noise alone makes worthless.
-        """
+        """Return the best subset joined by a term, weighted for as much of it as could hide."""
+        # Weights for noise without the term would look for it in the wrong place: a random walk
+        # shows in the longest averaging times, which white noise alone makes worthless.
         best = self.choice.best
         mask = best.mask.copy()
         mask[at] = True

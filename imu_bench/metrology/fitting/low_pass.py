@@ -120,12 +120,9 @@ def _analogue_1(w: Floats) -> tuple[Complex, Complex]:
 
 
 def _analogue_2(w: Floats) -> tuple[Complex, Complex]:
-    """
-    Return one pole of the pair, and A/(1 − p)² for both.
-
-    The autocovariance is r e^(−ak) (cos ak + sin ak) = Re(r (1 − i) p^k), a = √2 w, and its
-    sum over all k is one.
-    """
+    """Return one pole of the pair, and A/(1 − p)² for both."""
+    # The autocovariance is r e^(−ak) (cos ak + sin ak) = Re(r (1 − i) p^k), a = √2 w, and its
+    # sum over all k is one.
     pole = np.exp((1j - 1.0) * math.sqrt(2.0) * w)
     rest = 1.0 - pole
     zeroth = 1.0 / (1.0 + 2.0 * ((1.0 - 1j) * pole / rest).real)

@@ -115,13 +115,10 @@ def rows(
 
 
 def _averaged_process(frequency: Floats, time: float, rate_hz: float, size: int) -> Floats:
-    """
-    Return the density of averages over samples of a Gauss-Markov process with q_c = 1.
-
-    Samples τ0 apart correlate by p^k, p = e^(−τ0/T), and have the variance T/2: their density is
-    τ0 T (1 − p²)/(1 − 2p cos(2πfτ0) + p²).  An average of m of them takes the share
-    sin²(πfmτ0)/(m sin(πfτ0))², and what is above half its rate folds back.
-    """
+    """Return the density of averages over samples of a Gauss-Markov process with q_c = 1."""
+    # Samples τ0 apart correlate by p^k, p = e^(−τ0/T), and have the variance T/2: their density is
+    # τ0 T (1 − p²)/(1 − 2p cos(2πfτ0) + p²).  An average of m of them takes the share
+    # sin²(πfmτ0)/(m sin(πfτ0))², and what is above half its rate folds back.
     period = 1.0 / (rate_hz * size)
     if time > _SLOW * period * size:
         return gauss_markov_density(frequency, time)

@@ -163,12 +163,9 @@ def _step(slow: Cosines, variance: Floats) -> tuple[Event, Floats]:
 
 
 def _cycles(slow: Cosines, variance: Floats) -> list[tuple[Event, Floats]]:
-    """
-    Return the sines that stand out most, with their transforms.
-
-    One against the model, and one against the lowest noise: a model that took the cycle for a
-    noise rises to it.
-    """
+    """Return the sines that stand out most, with their transforms."""
+    # One against the model, and one against the lowest noise: a model that took the cycle for a
+    # noise rises to it.
     n = slow.terms.size + 1
     values = scipy.fft.idct(np.concatenate([[0.0], slow.terms]), norm='ortho')
     taper = np.sin(np.pi * (np.arange(n) + 0.5) / n)

@@ -141,12 +141,9 @@ def _replaced(
 
 
 def _doubted(model: NoiseModel, choice: Choice, spectral: NoiseModel) -> NoiseModel:
-    """
-    Return a model that knows of others that describe the spectrum about as well.
-
-    What a power law of another exponent than 1 would make of N and B is within their intervals,
-    and a random walk that could well be something else is not claimed.
-    """
+    """Return a model that knows of others that describe the spectrum about as well."""
+    # What a power law of another exponent than 1 would make of N and B is within their intervals,
+    # and a random walk that could well be something else is not claimed.
     free = like_free(choice.candidates)
     if free and model.N.observable and spectral.N.observable:
         model = replace(model, N=_covering(model.N, spectral.N.low, spectral.N.high))

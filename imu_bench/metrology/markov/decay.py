@@ -274,13 +274,10 @@ def _sigma(
     sigma: float, z: float, share: float, longest: float, hidden: float, unit: str,
     confidence: float,
 ) -> Estimate:  # fmt: skip
-    """
-    Return the standard deviation with its interval.
-
-    A record that happens to vary little also shows a T_c that is too short, and its mean has
-    followed a part of the process, T_c/T of sigma: the upper end takes a T_c half way, by
-    logarithm, to the longest possible one.
-    """
+    """Return the standard deviation with its interval."""
+    # A record that happens to vary little also shows a T_c that is too short, and its mean has
+    # followed a part of the process, T_c/T of sigma: the upper end takes a T_c half way, by
+    # logarithm, to the longest possible one.
     slow = math.sqrt(share * longest)
     low = math.exp(-z * math.sqrt(0.5 * share + _WHITE_ON_SIGMA * hidden))
     high = (1.0 + slow) * math.exp(z * math.sqrt(0.5 * slow + _WHITE_ON_SIGMA * hidden))

@@ -205,12 +205,9 @@ class _Filter:
 
 
 def _smoothed(drive: Floats, keep: float, before: float) -> Floats:
-    """
-    Return y with y[k] = keep y[k-1] + drive[k]; `before` is the first y[k-1].
-
-    As a system of equations with two diagonals: the import of scipy.signal, which has filters,
-    takes longer than most recordings.
-    """
+    """Return y with y[k] = keep y[k-1] + drive[k]; `before` is the first y[k-1]."""
+    # As a system of equations with two diagonals: the import of scipy.signal, which has filters,
+    # takes longer than most recordings.
     bands = np.empty((2, drive.size))
     bands[0], bands[1] = 1.0, -keep
     right = drive.copy()

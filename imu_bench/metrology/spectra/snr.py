@@ -133,11 +133,8 @@ def _checked(data: npt.ArrayLike, rate_hz: float) -> Floats:
 
 
 def _periodogram(values: Floats, window: Floats, rate_hz: float) -> Floats:
-    """
-    Return the one-sided power spectral density.
-
-    The bin at 0 Hz is doubled like the others, so that the line there falls from its top.
-    """
+    """Return the one-sided power spectral density."""
+    # The bin at 0 Hz is doubled like the others, so that the line there falls from its top.
     transform = scipy.fft.rfft(values * window)
     density = (transform.real**2 + transform.imag**2) * 2.0 / (rate_hz * float(window @ window))
     if values.size % 2 == 0:

@@ -172,13 +172,10 @@ def _measured(spectrum: Spectrum, level: Floats, peak: int, left: int, right: in
 
 
 def _offset(near: Floats, noise: float, degrees: float, gain: float) -> tuple[float, float]:
-    """
-    Return the distance of a tone from the highest of three bins, in bins, and its error.
-
-    An amplitude in noise of power density n scatters by sqrt(n / edf), however large it
-    is; the amplitudes of neighbouring Hann bins do so with a correlation of 2/3.  The
-    scatter of the noise itself comes on top, independent from bin to bin.
-    """
+    """Return the distance of a tone from the highest of three bins, in bins, and its error."""
+    # An amplitude in noise of power density n scatters by sqrt(n / edf), however large it
+    # is; the amplitudes of neighbouring Hann bins do so with a correlation of 2/3.  The
+    # scatter of the noise itself comes on top, independent from bin to bin.
     side = 1 if near[2] >= near[0] else -1
     centre, beside = float(near[1]), max(float(near[1 + side]), noise / degrees)
     ratio = math.sqrt(beside / centre)

@@ -242,13 +242,10 @@ def _overlap_correlation(length: int, step: int) -> tuple[float, ...]:
 
 
 def _segment_edf(segments: float, length: int, step: int) -> float:
-    """
-    Return the degrees of freedom of an average of overlapping segments.
-
-    P. D. Welch 1967, IEEE Trans. Audio Electroacoust. AU-15(2):70.  Derived here: in white noise
-    densities of segments that overlap correlate by the squared autocorrelation of the window, so
-    the mean of K has (1 + 2 Σ (1 − m/K) ρ_m²)/K of the variance of one.
-    """
+    """Return the degrees of freedom of an average of overlapping segments."""
+    # P. D. Welch 1967, IEEE Trans. Audio Electroacoust. AU-15(2):70.  Derived here: in white noise
+    # densities of segments that overlap correlate by the squared autocorrelation of the window, so
+    # the mean of K has (1 + 2 Σ (1 − m/K) ρ_m²)/K of the variance of one.
     correlated = _overlap_correlation(length, step)
     excess = sum(max(0.0, 1.0 - (m + 1) / segments) * r for m, r in enumerate(correlated))
     return 2.0 * segments / (1.0 + 2.0 * excess)
@@ -256,15 +253,12 @@ def _segment_edf(segments: float, length: int, step: int) -> float:
 
 @lru_cache(maxsize=64)
 def _median_factors(freedom: float, groups: int) -> tuple[float, float]:
-    """
-    Return the bias of the median of `groups` averages (odd), and its degrees of freedom.
-
-    Mean and variance of the middle order statistic of chi-squared variables,
-    whose distribution function is Beta distributed (H. A. David and H. N.
-    Nagaraja 2003, Order Statistics, 3rd ed.).  For two degrees of
-    freedom the bias is the alternating harmonic sum of B. Allen et al. 2012,
-    Phys. Rev. D 85:122006, appendix B.
-    """
+    """Return the bias of the median of `groups` averages (odd), and its degrees of freedom."""
+    # Mean and variance of the middle order statistic of chi-squared variables,
+    # whose distribution function is Beta distributed (H. A. David and H. N.
+    # Nagaraja 2003, Order Statistics, 3rd ed.).  For two degrees of
+    # freedom the bias is the alternating harmonic sum of B. Allen et al. 2012,
+    # Phys. Rev. D 85:122006, appendix B.
     nodes, weights = np.polynomial.legendre.leggauss(2000)
     u, weights = 0.5 * (nodes + 1.0), 0.5 * weights
     quantile = scipy.special.gammaincinv(freedom / 2.0, u) * 2.0 / freedom

@@ -238,12 +238,9 @@ def _holes(ends: Floats, starts: Integers, rule: Rule) -> Floats:
 
 
 def _lasts(ends: Floats, starts: Integers, leap: Integers) -> Mask:
-    """
-    Return whether the groups after a leap stay late.
-
-    Missing samples shift everything that follows, jitter the next group only; so the medians of
-    `LASTING` groups on either side must differ as well, of fewer where groups are long.
-    """
+    """Return whether the groups after a leap stay late."""
+    # Missing samples shift everything that follows, jitter the next group only; so the medians of
+    # `LASTING` groups on either side must differ as well, of fewer where groups are long.
     reach = np.arange(LASTING)
     first, last = (
         np.searchsorted(starts, starts[leap + 1] + far) for far in (-2 * LASTING, 2 * LASTING)

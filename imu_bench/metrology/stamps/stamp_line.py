@@ -191,14 +191,11 @@ def _fineness(stamps: Integers) -> float:
 def _scatter(
     cells: _Cells, segment: Integers, place: Floats, period: float, sxx: float
 ) -> tuple[float, float, float]:
-    """
-    Return the standard error of the slope, its degrees of freedom, and the wander.
-
-    The scatter of the stamps gives the error for independent jitter.  A clock that
-    wanders as a random walk W of variance D t adds 6 D / (5 T) to the variance of the
-    slope over a time T: the variance of 12/T³ times the integral of (t - T/2) W.  D comes
-    from how much farther block means drift apart over T/8 than over T/64.
-    """
+    """Return the standard error of the slope, its degrees of freedom, and the wander."""
+    # The scatter of the stamps gives the error for independent jitter.  A clock that
+    # wanders as a random walk W of variance D t adds 6 D / (5 T) to the variance of the
+    # slope over a time T: the variance of 12/T³ times the integral of (t - T/2) W.  D comes
+    # from how much farther block means drift apart over T/8 than over T/64.
     weight = np.bincount(segment, cells.count)
     late = cells.mean - period * place
     late -= (np.bincount(segment, cells.count * late) / weight)[segment]

@@ -71,12 +71,9 @@ def _stretches(stamps: Integers) -> list[Integers]:
 
 
 def _two_steps(stamps: Integers) -> tuple[float, float] | None:
-    """
-    Return the mean step and the longer one where stamps take two steps by turns.
-
-    A sensor that is read on the ticks of something else does.  Where the longer step is a
-    multiple of the shorter one, samples may be missing, and this returns None.
-    """
+    """Return the mean step and the longer one where stamps take two steps by turns."""
+    # A sensor that is read on the ticks of something else does.  Where the longer step is a
+    # multiple of the shorter one, samples may be missing, and this returns None.
     steps = np.concatenate([np.diff(stretch) for stretch in _stretches(stamps)])
     steps = np.sort(steps[steps > 0]).astype(np.float64)
     if steps.size < _FEW_STEPS:
@@ -124,12 +121,9 @@ def _rough_period(stamps: Integers) -> float:
 
 
 def _steady_period(stretches: list[Integers]) -> float:
-    """
-    Return the slope of stamps that stay within a period of a straight line; 0 elsewhere.
-
-    They do where fewer than one in a hundred is missing.  The usual step of coarse stamps is a
-    multiple of their own step instead, and with jitter a half or twice of it is as usual.
-    """
+    """Return the slope of stamps that stay within a period of a straight line; 0 elsewhere."""
+    # They do where fewer than one in a hundred is missing.  The usual step of coarse stamps is a
+    # multiple of their own step instead, and with jitter a half or twice of it is as usual.
     if stretches[0].size < _MANY:
         return 0.0
     place = np.arange(_MANY) - 0.5 * (_MANY - 1)
@@ -168,13 +162,10 @@ def _step_of(stamps: Integers, period: float) -> int:
 
 
 def _coarseness(stamps: Integers, period: float) -> float:
-    """
-    Return the step of stamps that were rounded to it, in ns; 0 if they were not.
-
-    Stamps that advance by exactly one period are multiples of it as well.  What
-    tells rounded stamps apart is that their steps vary, and yet no stamp strays
-    from a straight line by more than the step.
-    """
+    """Return the step of stamps that were rounded to it, in ns; 0 if they were not."""
+    # Stamps that advance by exactly one period are multiples of it as well.  What
+    # tells rounded stamps apart is that their steps vary, and yet no stamp strays
+    # from a straight line by more than the step.
     part = stamps[: 1 << 17]
     step = _step_of(part, period)
     if step == 0:

@@ -183,13 +183,10 @@ def _grams(columns: Floats, weights: Floats) -> Floats:
 
 
 def _shapes(count: int) -> Floats:
-    """
-    Return the spectra of all mixtures, shape (m, count - 1), at the lines but the first.
-
-    A density ∝ f^-p, averaged over each stretch and read once per stretch, is at angular
-    frequency ω per stretch proportional to (2 - 2 cos ω) Σ |ω + 2πi|^-(p + 2) over all integers
-    i: the sinc² of the average, and what it lets alias.
-    """
+    """Return the spectra of all mixtures, shape (m, count - 1), at the lines but the first."""
+    # A density ∝ f^-p, averaged over each stretch and read once per stretch, is at angular
+    # frequency ω per stretch proportional to (2 - 2 cos ω) Σ |ω + 2πi|^-(p + 2) over all integers
+    # i: the sinc² of the average, and what it lets alias.
     turns = np.arange(1, count) / (2.0 * count)
     step = 2.0 - 2.0 * np.cos(2.0 * np.pi * turns)
     parts = np.array(

@@ -279,11 +279,8 @@ def _above_white(curve: DeviationCurve, white: float) -> DeviationCurve:
 def _decay(
     blocks: Blocks, unit: str, confidence: float
 ) -> tuple[decay.Decay, decay.Autocorrelation | None]:
-    """
-    Return the first decay found and where; slow ones first, where white noise is lowest.
-
-    Without a decay the autocorrelation is that of the slowest averages.
-    """
+    """Return the first decay found and where; slow ones first, where white noise is lowest."""
+    # Without a decay the autocorrelation is that of the slowest averages.
     reasons = []
     slowest = None
     for level in _LEVELS:
@@ -376,12 +373,9 @@ def _track(
 
 
 def _best_window(white: float, process: Process) -> float:
-    """
-    Return the length in s of the moving average with the smallest error.
-
-    Over w the white noise leaves N²/w and a bias that walks with q_c leaves q_c² w/12 (mean
-    square distance of a centred average of a random walk from its middle): least at √12 N/q_c.
-    """
+    """Return the length in s of the moving average with the smallest error."""
+    # Over w the white noise leaves N²/w and a bias that walks with q_c leaves q_c² w/12 (mean
+    # square distance of a centred average of a random walk from its middle): least at √12 N/q_c.
     return min(math.sqrt(12.0) * white / process.q_c, 4.0 * process.correlation_time)
 
 

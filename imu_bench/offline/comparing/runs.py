@@ -287,13 +287,10 @@ def _none(unit: str, reason: str) -> Estimate:
 
 
 def _verdict(first: Estimate, second: Estimate, e_n: float | None) -> str:
-    """
-    Return the verdict.
-
-    Two values are the same where |E_n| ≤ 1 (ISO/IEC 17043:2010 annex B: difference over
-    the root of the sum of the squared uncertainties).  A value and an upper bound differ where
-    the value is surely above the bound.
-    """
+    """Return the verdict."""
+    # Two values are the same where |E_n| ≤ 1 (ISO/IEC 17043:2010 annex B: difference over
+    # the root of the sum of the squared uncertainties).  A value and an upper bound differ where
+    # the value is surely above the bound.
     if e_n is not None:
         return 'same' if abs(e_n) <= 1.0 else 'higher' if e_n > 0.0 else 'lower'
     if first.low and second.value is None and second.high is not None and second.high < first.low:

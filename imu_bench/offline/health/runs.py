@@ -126,13 +126,10 @@ def _equal_runs(values: Floats) -> tuple[int, list[tuple[int, int]], tuple[int, 
 
 
 def _chance(size: int, repeated: float) -> float:
-    """
-    Return a length of runs of equal values that chance does not reach.
-
-    For independent repeats of probability p the longest of n has about
-    ln(n (1 − p)) / −ln p samples (Schilling 1990, College Math. J. 21:196); three times that
-    allows for noise that is not white.
-    """
+    """Return a length of runs of equal values that chance does not reach."""
+    # For independent repeats of probability p the longest of n has about
+    # ln(n (1 − p)) / −ln p samples (Schilling 1990, College Math. J. 21:196); three times that
+    # allows for noise that is not white.
     if repeated >= 1.0:
         return 0.0
     if repeated <= 0.0:

@@ -142,7 +142,6 @@ def clock_findings(recording: Recording) -> Iterator[Finding]:
         )
 
 
-_SEVERE = 0.05  # share of messages lost or left out, as `stamps._MANY_MISSING`
 _ELSEWHERE = (COUNTS, STAMPS, NOT_A_NUMBER)  # codes of notes that are findings of their own
 
 
@@ -238,7 +237,7 @@ def _counts(recording: Recording) -> Iterator[Finding]:
         return
     lost = abs(announced - stored) / max(announced, stored)
     yield Finding(
-        'severe' if lost > _SEVERE else 'warning',
+        'severe' if lost > _MANY_MISSING else 'warning',
         COUNTS,
         f'The metadata announces {count(announced, "message")}, {stored} were read.',
         'Metadata and storage disagree: messages may be missing at the end or in between.',
@@ -252,7 +251,7 @@ def _left_out(recording: Recording) -> Iterator[Finding]:
     details = '; '.join(note for note in recording.notes if code_of(note) == NOT_A_NUMBER)
     share = recording.left_out / max(recording.stored, 1)
     yield Finding(
-        'severe' if share > _SEVERE else 'warning',
+        'severe' if share > _MANY_MISSING else 'warning',
         NOT_A_NUMBER,
         f'{count(recording.left_out, "sample")} ({percent(share)}) hold NaN or infinite '
         f'values{f": {details}" if details else ""}.',
@@ -318,7 +317,7 @@ def _lost(
     share = number / whole
     lost = f'{count(number, what)} of {grouped(whole)} lost {border.where}'
     yield Finding(
-        'severe' if share > _SEVERE else 'warning',
+        'severe' if share > _MANY_MISSING else 'warning',
         code,
         f'{lost} ({percent(share)}){where}.',
         _EFFECT,

@@ -119,11 +119,8 @@ def _reported(
     variance: npt.NDArray[np.float64],
     remarks: list[str],
 ) -> npt.NDArray[np.float64] | None:
-    """
-    Return values unless they are declared as not reported and look like it (REP-145).
-
-    Some drivers declare quantities as not reported that they do report.
-    """
+    """Return values unless they are declared as not reported and look like it (REP-145)."""
+    # Some drivers declare quantities as not reported that they do report.
     if variance.size and (variance == covariance.NOT_REPORTED[0]).all():
         if not np.nan_to_num(values).any():
             return None

@@ -239,11 +239,8 @@ Life = list[dict[str, int]]
 
 
 def _lives(said: Iterable[dict[str, int]], suffix: str) -> list[Life]:
-    """
-    Return counts in runs that only grow; a new one begins when a sensor is started again.
-
-    Before it has published anything there is no stamp to look for.
-    """
+    """Return counts in runs that only grow; a new one begins when a sensor is started again."""
+    # Before it has published anything there is no stamp to look for.
     lives: list[Life] = []
     for each in said:
         if not lives or fell_back(lives[-1][-1], each):
@@ -302,11 +299,8 @@ def _compared(
 
 
 def _places(stamps: Integers, until: Integers) -> Integers | None:
-    """
-    Return how many messages of the bag come before each status, by their stamps.
-
-    A clock that is set back while it records lets both step back together; None if they do not.
-    """
+    """Return how many messages of the bag come before each status, by their stamps."""
+    # A clock that is set back while it records lets both step back together; None if they do not.
     cuts = [0, *(np.flatnonzero(np.diff(stamps) < 0) + 1).tolist(), stamps.size]
     steps = [0, *(np.flatnonzero(np.diff(until) < 0) + 1).tolist(), until.size]
     if len(steps) == 2:  # messages may be out of order for other reasons

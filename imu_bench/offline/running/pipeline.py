@@ -106,11 +106,8 @@ def _side_by_side(
     phase: Phase,
     idle: Idle,
 ) -> list[int]:
-    """
-    Analyse recordings, each as a whole; return those to be tried again.
-
-    When a process is killed, nobody knows which of the recordings under way was to blame.
-    """
+    """Analyse recordings, each as a whole; return those to be tried again."""
+    # When a process is killed, nobody knows which of the recordings under way was to blame.
     again = []
     step = phase(f'analysing {len(numbers)} recordings')
     task = _elsewhere if workers.apart else analyse_file
