@@ -98,9 +98,7 @@ LEFT_OUT = 'left_out./diagnostics'
 """Diagnostics of the recorder: messages of /diagnostics that were too much to be recorded."""
 
 ASKED, MORE_ASKED = 'asked.', 'more_asked'
-"""
-Diagnostics of a sensor's node: what somebody else wanted of it, by time; and how often more.
-"""
+"""Diagnostics of a sensor's node: what somebody else wanted of it, by time; how often more."""
 
 SEVERAL, FOREIGN = 'several.', 'foreign.'
 """
@@ -388,8 +386,7 @@ def topic(
 TOO_SMALL = 0.05
 """
 Share of what chips made that is lost at the first border when the machine is too small.  On cores
-that were enough, ten busy programs beside the bench cost at most 2 %; on one core for a bench that
-needs 1.2 they cost 10 % and more.
+that were enough, ten busy programs beside the bench cost at most 2 %, on one of 1.2 needed 10 %.
 """
 
 

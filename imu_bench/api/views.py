@@ -389,9 +389,7 @@ def _table(sensors: list[Sensor]) -> str:
 def _html(heads: list[str], rows: list[list[str]]) -> str:
     """Return a table of HTML, with every text escaped."""
     head = ''.join(f'<th>{escape(each)}</th>' for each in heads)
-    body = ''.join(
-        f'<tr>{"".join(f"<td>{escape(cell)}</td>" for cell in row)}</tr>' for row in rows
-    )
+    body = ''.join(f'<tr>{"".join(f"<td>{escape(c)}</td>" for c in row)}</tr>' for row in rows)
     return f'<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
 
 

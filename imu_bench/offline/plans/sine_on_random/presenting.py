@@ -255,20 +255,13 @@ def _before_after(campaign: Campaign, condition: str) -> Table:
     return Table(title, (Column('sensor'), *heads), tuple(rows), note)
 
 
-_FIGURES = {
-    ('RR', 'linear_acceleration'): '8',
-    ('RR', 'angular_velocity'): '9',
-    ('SR', 'linear_acceleration'): '10',
-    ('SR', 'angular_velocity'): '11',
+_RATIOS = {
+    ('RR', 'linear_acceleration'): ('8', '0: as much as shaken axis'),
+    ('RR', 'angular_velocity'): ('9', '°/s against g'),
+    ('SR', 'linear_acceleration'): ('10', '0: as at rest'),
+    ('SR', 'angular_velocity'): ('11', '0: as at rest'),
 }
-
-_SCALES = {
-    ('RR', 'linear_acceleration'): '0: as much as shaken axis',
-    ('RR', 'angular_velocity'): '°/s against g',
-    ('SR', 'linear_acceleration'): '0: as at rest',
-    ('SR', 'angular_velocity'): '0: as at rest',
-}
-"""What the size of a ratio means, in the room that the axis of a figure has."""
+"""Number of the figure of a ratio; what its size means, in the room that an axis has."""
 
 
 def figures(campaign: Campaign, measured: Sequence[Shaken]) -> Iterator[Figure]:
@@ -314,12 +307,12 @@ def _bars(campaign: Campaign, name: str, quantity: Quantity, sensor: str) -> Ite
         is not None
     ]
     if series:
-        kind = name, quantity.name
+        number, scale = _RATIOS[name, quantity.name]
         yield Figure(
             f'{TITLES[quantity.name]} of {sensor}: {_WORDS[name]} {name} (Capriglione 2021, '
-            f'figure {_FIGURES[kind]})',
+            f'figure {number})',
             'yx: y while x is shaken; whiskers: σ of a repetition',
-            f'{name} in dB; {_SCALES[kind]}',
+            f'{name} in dB; {scale}',
             tuple(series), categories=tuple(f'{i}{j}' for i, j in campaign.pairs),
         )  # fmt: skip
 
@@ -350,16 +343,11 @@ def _ratio_bars(campaign: Campaign, sensor: str) -> Iterator[Figure]:
 def _error_bars(campaign: Campaign, sensor: str) -> Iterator[Figure]:
     """Yield means before and after with the standard deviation of the readings."""
     for condition in campaign.conditions[:1]:
-        case = next(
-            (
-                c
-                for c in campaign.runs
-                if c[:1] == (condition,) and c.sensor == sensor and c.random
-            ),
-            None,
-        )
-        if case is None:
+        wanted = (condition, sensor, True)
+        cases = [c for c in campaign.runs if (c.condition, c.sensor, c.random) == wanted]
+        if not cases:
             continue
+        case = cases[0]
         name = f'{LINEAR_ACCELERATION.name}.{case.axis}'
         runs = [run.axes[name] for run in campaign.runs[case]]
         series = []
