@@ -52,7 +52,7 @@ class Run(NamedTuple):
     seed: int  # another run of the same sensors
 
 
-class Also(NamedTuple):
+class ExtraRuns(NamedTuple):
     """More runs of a test, each once along every axis: what the others are compared with."""
 
     name: str  # last part of their names
@@ -76,7 +76,7 @@ class BenchTest:
     storage: str | None = None  # format of simulated runs; that of the bench's recorder if None
     settings: Mapping[str, str] = field(default_factory=dict)  # of the plan
     on_request: bool = False  # whether it is run only when it is named
-    also: Also | None = None  # more runs of it
+    also: ExtraRuns | None = None  # more runs of it
     # by sensor what it is set to in this test, with dotted names
     sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     # short, live: what its short form changes, and what the form does that runs in about a minute
@@ -194,7 +194,7 @@ def _test(entry: object, where: str, problems: list[str]) -> BenchTest | None:
         overrides=values.pop('set'),
         duration_s=None if duration is None else duration[0],
         settings={str(name): str(value) for name, value in parts['settings'].items()},
-        also=Also(more['name'], more['scenarios'], more['set']) if more else None,
+        also=ExtraRuns(more['name'], more['scenarios'], more['set']) if more else None,
         sensors={name: dict(flatten(part)) for name, part in parts['sensors'].items()},
         short=forms['short'],
         live=forms['live'],

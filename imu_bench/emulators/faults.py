@@ -131,7 +131,7 @@ class FaultyWire:
 
 
 @dataclass(frozen=True)
-class Boots:
+class StartUp:
     """How long a chip takes to start by its document."""
 
     start_up_s: float = 0.0
@@ -139,7 +139,7 @@ class Boots:
     resets: Mapping[tuple[int, int], float] = field(default_factory=dict)
 
 
-def _boots(driver: type[Driver], part: str) -> Boots:
+def _start_up(driver: type[Driver], part: str) -> StartUp:
     """Return what the sequences of a driver say: the first write, and the wait behind it."""
     resets = {}
     for name, steps in driver.sequences().items():
@@ -154,16 +154,16 @@ def _boots(driver: type[Driver], part: str) -> Boots:
             bits = target.encode(value) << target.low if single else int(value)
             if register.part == part and (not single or target.self_clearing):
                 resets[register.number & 0xFF, bits] = wait.seconds
-    return Boots(driver.start_up_s, resets)
+    return StartUp(driver.start_up_s, resets)
 
 
 class FaultyBus(FaultyWire):
     """A RegisterBus around an emulated one that plays faults."""
 
-    def __init__(self, *arguments: Any, boots: Boots | None = None) -> None:
+    def __init__(self, *arguments: Any, start_up: StartUp | None = None) -> None:
         super().__init__(*arguments)
         self._asked = 0
-        self._boots = boots or Boots(0.0)
+        self._start_up = start_up or StartUp(0.0)
         self._silent_ns = 0
 
     def read(self, register: int, length: int) -> bytes:
@@ -197,14 +197,14 @@ class FaultyBus(FaultyWire):
         if 'slow_boot' in kinds:
             if not self._silent_ns:
                 self._power_up(self._elapsed_s())
-                self._be_silent(self._boots.start_up_s)
+                self._be_silent(self._start_up.start_up_s)
             refused |= self._clock.now_ns() < self._silent_ns
         if refused and self._bus.acknowledges:
             raise NoAnswer(f'{self.name}: {_SILENT}')
         return refused
 
     def _after_reset(self, register: int, data: bytes) -> None:
-        for (number, bits), seconds in self._boots.resets.items():
+        for (number, bits), seconds in self._start_up.resets.items():
             if register & 0xFF == number and data[0] & bits == bits:
                 self._be_silent(seconds)
 
@@ -344,6 +344,6 @@ def wrap(
             continue
         kind = _around(bus)
         identity = [i.register.address for i in driver.identities if i.register.part == part]
-        more = {'boots': _boots(driver, part)} if kind is FaultyBus else {}
+        more = {'start_up': _start_up(driver, part)} if kind is FaultyBus else {}
         wires[part] = kind(bus, clock, planned, identity, seed, start_ns, **more)
     return wires

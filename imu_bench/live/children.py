@@ -31,7 +31,7 @@ def started(line: int, *, real_time: bool) -> subprocess.Popen[bytes]:
     )  # fmt: skip
 
 
-def epitaph(process: subprocess.Popen[bytes] | Forked) -> str:
+def how_it_ended(process: subprocess.Popen[bytes] | Forked) -> str:
     """Return what is known of the end of a process that does not answer."""
     with suppress(subprocess.TimeoutExpired):
         code = process.wait(1.0)

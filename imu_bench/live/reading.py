@@ -70,7 +70,7 @@ class Reading(Protocol):
     def begin(self, at_s: float) -> None: ...
 
 
-class ReadingHere:
+class LocalReading:
     """
     Read a sensor in this process; a thread of ordinary priority delivers.
 
@@ -233,7 +233,7 @@ class ReadingProcess:
         more = range(count - 1)
         return [self, *(ReadingProcess(real_time=kind, origin=self, reads=sensors) for _ in more)]
 
-    def read(self, wish: Wish, deliver: Deliver) -> ReadingThere:
+    def read(self, wish: Wish, deliver: Deliver) -> RemoteReading:
         """
         Return the reading of one more sensor, not started yet.
 
@@ -246,7 +246,7 @@ class ReadingProcess:
             self._socket.close()
             self._start()
         number, self._next = self._next, self._next + 1
-        reading = ReadingThere(self, number, wish.sensor.name, deliver)
+        reading = RemoteReading(self, number, wish.sensor.name, deliver)
         # of its own: in one for all, those who send little would leave no room for those behind
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
@@ -274,7 +274,7 @@ class ReadingProcess:
                     )
                 good, answer = self._commands.recv()
             except (EOFError, OSError) as error:
-                raise ReaderDied(children.epitaph(self._process)) from error
+                raise ReaderDied(children.how_it_ended(self._process)) from error
         if good:
             return answer
         raise answer
@@ -310,7 +310,7 @@ class ReadingProcess:
             source.close()
         self._sources.close()
 
-    def _take(self, source: Any, reading: ReadingThere) -> None:
+    def _take(self, source: Any, reading: RemoteReading) -> None:
         packet = Packet.received(source)
         if packet is not None:
             reading.take(packet)
@@ -318,10 +318,10 @@ class ReadingProcess:
         self._sources.unregister(source)
         source.close()
         if not reading.closed:
-            reading.lost(ReaderDied(children.epitaph(self._process)))
+            reading.lost(ReaderDied(children.how_it_ended(self._process)))
 
 
-class ReadingThere:
+class RemoteReading:
     """A sensor that a `ReadingProcess` reads; made by its `read`."""
 
     def __init__(self, process: ReadingProcess, number: int, name: str, deliver: Deliver) -> None:

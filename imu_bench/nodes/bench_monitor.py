@@ -15,7 +15,7 @@ from imu_bench.errors import NotReady
 from imu_bench.live.views import RecorderView, SensorView
 from imu_bench.nodes import discovery
 from imu_bench.nodes.diagnostics import fresh
-from imu_bench.nodes.others import named
+from imu_bench.nodes.others import full_name
 from msg_conversions.quantities import IMU_QUANTITIES
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -167,7 +167,7 @@ class BenchMonitor:
     def publishers(self, topic: str) -> str:
         """Return the names of the nodes that publish a topic now."""
         found = self._node.get_publishers_info_by_topic(topic)
-        return ', '.join(sorted({named(each) for each in found}))
+        return ', '.join(sorted({full_name(each) for each in found}))
 
     def _listener(self, name: str, quantity: str) -> Callable[[Vector3Stamped], None]:
         def listen(message: Vector3Stamped) -> None:

@@ -21,7 +21,7 @@ import time
 from typing import Any, NamedTuple
 
 from imu_bench.nodes import qos
-from imu_bench.nodes.others import Apart, Ownership, process, several_publishers
+from imu_bench.nodes.others import ForeignMessages, Ownership, process, several_publishers
 from imu_bench.nodes.sequences import Sequences
 from msg_conversions import blocks
 import numpy as np
@@ -117,7 +117,7 @@ class Intake:
         self._sources: list[_Source] = []
         self._in_blocks: dict[str, str] = {}
         self._owners: dict[str, Ownership] = {}
-        self._apart: dict[str, Apart] = {}
+        self._apart: dict[str, ForeignMessages] = {}
         self._publishers: dict[str, set[bytes]] = {}
         self._early: list[tuple[str, npt.NDArray[np.int64], npt.NDArray[np.uint8]]] = []
         self._linger_s = 0.0
@@ -168,13 +168,19 @@ class Intake:
 
     def _count_apart(
         self, topic: str, message: type, publishers: list[TopicEndpointInfo]
-    ) -> Apart:
+    ) -> ForeignMessages:
         """Count what others publish on a topic that comes in blocks; deliver none of it."""
         if topic not in self._apart:
-            apart = self._apart[topic] = Apart()
+            apart = self._apart[topic] = ForeignMessages()
             profile = qos.requested([each.qos_profile for each in publishers], qos.depth(message))
             subscription = qos.create_subscription(
-                self._node, message, topic, _nobody, profile, callback_group=self._group, raw=True
+                self._node,
+                message,
+                topic,
+                _unused_callback,
+                profile,
+                callback_group=self._group,
+                raw=True,
             )
             heard = _Source(subscription, message, lambda data, infos: apart.heard(data))
             self._sources.append(heard)
@@ -211,7 +217,7 @@ class Intake:
         topic = f'{namespace}/{blocks.TOPIC}'
         profile = qos.keep_last(BLOCKS, 'reliable')
         subscription = self._node.create_subscription(
-            UInt8MultiArray, topic, _nobody, profile, callback_group=self._group, raw=True
+            UInt8MultiArray, topic, _unused_callback, profile, callback_group=self._group, raw=True
         )
 
         def digest(data: list[bytes], infos: Sequence[object]) -> None:
@@ -225,7 +231,13 @@ class Intake:
     ) -> None:
         profile = qos.requested([each.qos_profile for each in publishers], qos.depth(message))
         subscription = qos.create_subscription(
-            self._node, message, topic, _nobody, profile, callback_group=self._group, raw=True
+            self._node,
+            message,
+            topic,
+            _unused_callback,
+            profile,
+            callback_group=self._group,
+            raw=True,
         )
         self._publishers[topic] = {bytes(each.endpoint_gid) for each in publishers}
         sequences = self.sequences[topic] = Sequences(lambda: self._around(topic))
@@ -324,7 +336,7 @@ class Intake:
                 self._early.append(item)
 
 
-def _nobody(data: bytes) -> None:
+def _unused_callback(data: bytes) -> None:
     """Stand in for the callback that a subscription must have."""
 
 

@@ -47,7 +47,7 @@ RECORDERS = ('recorder', 'rosbag2_recorder')
 UNNAMED = 'a program that is no node of ROS 2'
 
 
-def named(publisher: TopicEndpointInfo) -> str:
+def full_name(publisher: TopicEndpointInfo) -> str:
     """Return the full name of the node of a publisher."""
     name, space = publisher.node_name, publisher.node_namespace
     # rmw: _NODE_NAME_UNKNOWN_, _CREATED_BY_BARE_DDS_APP_
@@ -58,7 +58,7 @@ def named(publisher: TopicEndpointInfo) -> str:
 
 def recorders(subscribers: Iterable[TopicEndpointInfo]) -> list[str]:
     """Return the names of the nodes that record, one for each process."""
-    found = {process(each): named(each) for each in subscribers if each.node_name in RECORDERS}
+    found = {process(each): full_name(each) for each in subscribers if each.node_name in RECORDERS}
     return sorted(found.values())
 
 
@@ -76,8 +76,8 @@ def several_publishers(
     """
     own = {process(each) for each in carriers}
     every = list(publishers)
-    names = sorted({named(each) for each in every})
-    foreign = {named(each) for each in every if process(each) not in own}
+    names = sorted({full_name(each) for each in every})
+    foreign = {full_name(each) for each in every if process(each) not in own}
     if foreign and (own or len(foreign) > 1):
         return names
     if not interleaved:
@@ -114,7 +114,7 @@ class Ownership:
         return True
 
 
-class Apart:
+class ForeignMessages:
     """
     Counts the messages of a topic that its sensor has not sent.
 
@@ -217,7 +217,7 @@ class Guard:
         for topic in map(self._node.resolve_topic_name, topics):
             if self._node.count_publishers(topic) > 1:
                 every = self._node.get_publishers_info_by_topic(topic)
-                names = sorted({named(each) for each in every})
+                names = sorted({full_name(each) for each in every})
                 if len(names) > 1:  # one of its own name was killed, or the recorder tells
                     found[topic] = ', '.join(names)
         level, line = ('warn', self._latest) if self._asked else ('ok', 'alone')
@@ -292,7 +292,7 @@ class Others:
         self._room -= fitting * size
         return fitting
 
-    def said(self, rows: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+    def recordable(self, rows: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
         """
         Return which messages of /diagnostics are recorded.
 

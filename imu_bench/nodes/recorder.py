@@ -234,7 +234,7 @@ class RecorderNode(parameters.FromDump):
             fitting = self._others.fitting(topic, rows)
             stamps, rows = stamps[:fitting], rows[:fitting]
         elif topic == DIAGNOSTICS:
-            kept = self._others.said(rows)
+            kept = self._others.recordable(rows)
             stamps, rows = stamps[kept], rows[kept]
         elif topic in self._own:
             self._others.note_own(rows.nbytes)

@@ -32,7 +32,7 @@ from imu_bench.errors import (
     RecordingError,
 )
 from imu_bench.live.packets import Wish
-from imu_bench.live.reading import ReaderDied, Reading, ReadingHere, ReadingProcess
+from imu_bench.live.reading import LocalReading, ReaderDied, Reading, ReadingProcess
 from imu_bench.live.status import Health
 from imu_bench.nodes import diagnostics, parameters
 from imu_bench.nodes.fault_report import FaultReport
@@ -227,7 +227,7 @@ class SensorNode(parameters.FromDump, LifecycleNode):
     def _configure(self) -> None:
         clock = SystemClock()
         wish = Wish(self.config, clock, self._begin_s, EVERY_S)
-        read: Any = ReadingHere if self.reader is None else self.reader.read
+        read: Any = LocalReading if self.reader is None else self.reader.read
         acquisition = self.acquisition = read(wish, self._publish)
         switched_on_ns = acquisition.switched_on_ns
         self._faults = FaultReport(self.config, self.log, clock, switched_on_ns)

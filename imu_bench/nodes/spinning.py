@@ -156,9 +156,9 @@ def _life(make: Callable[[], Any], stop: _Stop) -> int:
     node: Any = None
     executor: Any = None
     try:
-        _spare_the_collector()
+        _freeze_objects()
         node = make()
-        _spare_the_collector()
+        _freeze_objects()
         executor = SingleThreadedExecutor()
         for each in _nodes(node):
             for service in each.services:
@@ -185,7 +185,7 @@ def _life(make: Callable[[], Any], stop: _Stop) -> int:
             _take_down(node, executor)
 
 
-def _spare_the_collector() -> None:
+def _freeze_objects() -> None:
     """Let the garbage collector never look again at what exists now."""
     # The hundreds of thousands of objects of the imported packages stay for good, and one walk
     # through them takes longer than the FIFO of a chip at 1 kHz can wait.

@@ -318,7 +318,7 @@ def await_topics(
             return Topics(imus, (*imus, *_neighbours(found)))
         if now - began > WITHIN_S + SETTLED_S:
             lost = [name for name, topic in zip(wanted, names, strict=True) if not topic]
-            raise NotReady(_nobody(lost, found))
+            raise NotReady(_nobody_publishes(lost, found))
         # the pace of looking: the graph tells nobody that it has changed
         time.sleep(LOOK_S)
 
@@ -342,7 +342,7 @@ def _neighbours(graph: Mapping[str, str]) -> Iterable[str]:
             yield name
 
 
-def _nobody(names: Sequence[str], graph: Mapping[str, str]) -> str:
+def _nobody_publishes(names: Sequence[str], graph: Mapping[str, str]) -> str:
     there = ', '.join(_imus(graph)) or 'none'
     if names:
         lost = ', '.join(names)

@@ -14,7 +14,7 @@ from imu_bench.bus.clock import SystemClock
 from imu_bench.config import sensor_from_parameters
 from imu_bench.errors import ConfigError, IdentityError
 from imu_bench.live.packets import Wish
-from imu_bench.live.reading import ReaderDied, ReadingHere, ReadingProcess
+from imu_bench.live.reading import LocalReading, ReaderDied, ReadingProcess
 from imu_bench.live.reading_child import by_stream
 from imu_bench.samples import Samples
 import numpy as np
@@ -105,7 +105,7 @@ def test_what_one_topic_carries_stays_in_order_while_its_quantities_change():
 @pytest.mark.parametrize('where', ['here', 'there'])
 def test_everything_that_was_read_is_delivered_in_order(process, where):
     found = Collected()
-    reading = ReadingHere(wish(), found) if where == 'here' else process.read(wish(), found)
+    reading = LocalReading(wish(), found) if where == 'here' else process.read(wish(), found)
     assert reading.prepare()
     reading.start()
     found.wait(lambda: len(found) >= 100)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 from imu_bench.nodes import sensor_topics
 from imu_bench.nodes.analysis import AnalysisNode
-from imu_bench.nodes.others import Apart, named
+from imu_bench.nodes.others import ForeignMessages, full_name
 from imu_bench.nodes.recorder import message_class, RecorderNode
 from imu_bench.nodes.sensor import SensorNode
 from imu_bench.nodes.sequences import Sequences
@@ -275,12 +275,12 @@ def test_names_and_types_that_are_none_of_ros_end_nothing(ros, start_visitor, sa
 @pytest.mark.parametrize('unknown', ['_NODE_NAME_UNKNOWN_', '_CREATED_BY_BARE_DDS_APP_'])
 def test_a_program_without_a_node_is_named_in_words(unknown):
     endpoint = SimpleNamespace(node_name=unknown, node_namespace=unknown)
-    assert named(endpoint) == 'a program that is no node of ROS 2'
+    assert full_name(endpoint) == 'a program that is no node of ROS 2'
 
 
 def test_a_node_whose_name_would_steer_a_terminal_is_named_in_text():
     endpoint = SimpleNamespace(node_name='a\x1b]0;owned\x07', node_namespace='/')
-    assert named(endpoint) == '/a\\x1b]0;owned\\x07'
+    assert full_name(endpoint) == '/a\\x1b]0;owned\\x07'
 
 
 def test_messages_that_came_in_turn_are_of_two():
@@ -297,7 +297,7 @@ def test_messages_that_came_in_turn_are_of_two():
 
 
 def test_what_the_sensor_sent_both_ways_is_no_visitors():
-    apart = Apart()
+    apart = ForeignMessages()
     rows = np.arange(40, dtype=np.uint8).reshape(10, 4)
     singles = [row.tobytes() for row in rows]
     apart.heard(singles[:5], 0.0)  # before their block

@@ -52,17 +52,17 @@ def judged(
     found = _replaced(model, choice, spectral, curve, why) if why else model
     found = _doubted(found, choice, spectral)
     if choice.events:
-        found = _withheld(found, 'BKR', '; '.join(told(e) for e in choice.events))
+        found = _withheld(found, 'BKR', '; '.join(event_text(e) for e in choice.events))
     return floor_seen(found, curve)
 
 
-def told(event: Event, unit: str = '') -> str:
+def event_text(event: Event, unit: str = '') -> str:
     """
     Return an event in words.
 
     Examples
     --------
-    >>> told(Event('cycle', 3e-5, 900.0, 50.0), 'rad/s')
+    >>> event_text(Event('cycle', 3e-5, 900.0, 50.0), 'rad/s')
     'the bias cycles: period 900 s, amplitude 3e-05 rad/s'
     """
     size = f'{event.size:.2g} {unit}'.strip()

@@ -10,7 +10,7 @@ from imu_bench.counting import listed
 from imu_bench.errors import DataError, RecordingError, TooShort
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.metrology.likelihood.events import Event
-from imu_bench.metrology.likelihood.verdict import told
+from imu_bench.metrology.likelihood.verdict import event_text
 from imu_bench.metrology.stamps import timing
 from imu_bench.metrology.stamps.timing import Grid
 from imu_bench.offline import health, stages
@@ -232,7 +232,9 @@ def _events(axis: AxisResult) -> Sequence[Event]:
 
 def _moving(axes: Sequence[AxisResult], why: str) -> Iterator[Finding]:
     """Yield what the bias does that no noise does, and spectra that no model describes."""
-    found = [f'{axis.name}: {told(event, axis.unit)}' for axis in axes for event in _events(axis)]
+    found = [
+        f'{axis.name}: {event_text(event, axis.unit)}' for axis in axes for event in _events(axis)
+    ]
     if found:
         yield Finding(
             'warning',

@@ -23,10 +23,10 @@ from imu_bench.offline.plans.six_position.measuring import (
     calibrate,
     Calibrated,
     Choice,
-    Laid,
     LARGE,
     lay,
     METHODS,
+    StillPositions,
     together,
 )
 from imu_bench.offline.plans.six_position.presenting import figures, parameters, tables
@@ -39,7 +39,7 @@ FACE = 10.0 * DEGREE
 """How far a housing leans on its face at most: twice of what a case that is not square does."""
 
 
-class SixPosition(Plan[tuple[Laid, ...]]):
+class SixPosition(Plan[tuple[StillPositions, ...]]):
     """Calibration from still positions and turns."""
 
     name = 'six-position'
@@ -71,7 +71,7 @@ class SixPosition(Plan[tuple[Laid, ...]]):
             self.settings['turn'][0], self.settings['turn_error'][0], self.confidence,
         )  # fmt: skip
 
-    def measure(self, source: str, recordings: Sequence[Recording]) -> tuple[Laid, ...]:
+    def measure(self, source: str, recordings: Sequence[Recording]) -> tuple[StillPositions, ...]:
         """Return the positions of every sensor of a recording with an accelerometer."""
         usable = [
             r
@@ -82,7 +82,7 @@ class SixPosition(Plan[tuple[Laid, ...]]):
             raise RecordingError(f'{source}: no sensor of it has an accelerometer')
         return tuple(lay(recording, self._choice) for recording in usable)
 
-    def conclude(self, measured: Sequence[tuple[Laid, ...]]) -> PlanResult:
+    def conclude(self, measured: Sequence[tuple[StillPositions, ...]]) -> PlanResult:
         """Return the calibrations of all sensors; write the YAML."""
         laid = together([one for part in measured for one in part], self._choice)
         sensors = named([calibrate(one, self._choice) for one in laid], self.reference)

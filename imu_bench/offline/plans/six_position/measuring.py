@@ -118,7 +118,7 @@ class Stream:
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
+class StillPositions:
     """The still positions of one recording."""
 
     source: str
@@ -133,7 +133,7 @@ class Laid:
     stream: Stream | None = None
 
 
-def lay(recording: Recording, choice: Choice) -> Laid:
+def lay(recording: Recording, choice: Choice) -> StillPositions:
     """Return the still positions of one sensor."""
     run, where = recording.samples, place(recording)
     if run.acceleration is None and run.angular_velocity is not None:
@@ -157,24 +157,26 @@ def lay(recording: Recording, choice: Choice) -> Laid:
             rest = turns.at_rest(rates, positions, choice.confidence)
             bias = np.array([estimate.value for estimate in rest.bias], float)
             turned = turns.find_turns(omega, 1.0 / rate, found, positions, bias)
-    return Laid(
+    return StillPositions(
         recording.source, recording.topic,
         tuple((one.begin / rate, one.end / rate) for one in found), tuple(positions),
         tuple(rates), turned, int(run.stamps[0]),
     )  # fmt: skip
 
 
-def _alone(recording: Recording, omega: Floats) -> Laid:
+def _alone(recording: Recording, omega: Floats) -> StillPositions:
     """Return the gyroscope of a recording without accelerometer."""
     rate = rate_of(recording)
     size = max(1, round(rate / _BLOCKS_HZ))
     count = len(omega) // size
     values = omega[: count * size].reshape(count, size, 3).mean(axis=1)
     stream = Stream(int(recording.samples.stamps[0]), rate / size, values)
-    return Laid(recording.source, recording.topic, (), (), (), (), stream.start_ns, stream)
+    return StillPositions(
+        recording.source, recording.topic, (), (), (), (), stream.start_ns, stream
+    )
 
 
-def _paired(laid: Sequence[Laid], choice: Choice) -> list[Laid]:
+def _paired(laid: Sequence[StillPositions], choice: Choice) -> list[StillPositions]:
     """Return accelerometers with the gyroscopes that were recorded beside them."""
     streams = [one for one in laid if one.stream is not None]
     found = []
@@ -197,7 +199,7 @@ def _paired(laid: Sequence[Laid], choice: Choice) -> list[Laid]:
     return found
 
 
-def _with_rates(one: Laid, stream: Stream, choice: Choice) -> Laid:
+def _with_rates(one: StillPositions, stream: Stream, choice: Choice) -> StillPositions:
     late = 1e-9 * (one.start_ns - stream.start_ns)
     # a block at the edge of a position may hold a part of the move
     places = [
@@ -220,7 +222,7 @@ def _with_rates(one: Laid, stream: Stream, choice: Choice) -> Laid:
     return replace(one, rates=tuple(rates), turned=turned)
 
 
-def together(laid: Sequence[Laid], choice: Choice) -> list[Laid]:
+def together(laid: Sequence[StillPositions], choice: Choice) -> list[StillPositions]:
     """
     Return sensors of what belongs together.
 
@@ -240,7 +242,7 @@ def together(laid: Sequence[Laid], choice: Choice) -> list[Laid]:
     if len({one.source for one in single}) == len(single):
         groups = [single]
     merged = [
-        Laid(
+        StillPositions(
             f'{len(group)} recordings',
             group[0].topic,
             tuple(one.spans[0] for one in group),
@@ -252,7 +254,7 @@ def together(laid: Sequence[Laid], choice: Choice) -> list[Laid]:
     return [*merged, *(one for one in laid if len(one.positions) != 1)]
 
 
-def calibrate(laid: Laid, choice: Choice) -> Calibrated:
+def calibrate(laid: StillPositions, choice: Choice) -> Calibrated:
     """Return the calibration of one sensor."""
     positions = laid.positions
     try:
