@@ -131,15 +131,15 @@ def test_the_nodes_have_room_when_a_crowd_has_used_up_its_own():
         return np.array([list(serialize_message(message)) for message in messages], np.uint8)
 
     crowd = rows(*[array('crowd: left', 1000)] * 2000)
-    kept = int(np.count_nonzero(others.said(crowd)))
+    kept = int(np.count_nonzero(others.recordable(crowd)))
     assert kept == BESIDE_BYTES // crowd.shape[1]
     assert others.left_out == 2000 - kept
     for name in ('left: acquisition', '/bench/left: others', 'analysis_node: load'):
-        assert others.said(rows(array(name, 1000))).all()
-    assert others.said(rows(array('recorder: recording', 10, '/bag'))).all()
-    assert not others.said(rows(array('recorder: recording', 1000, '/else'))).any()
+        assert others.recordable(rows(array(name, 1000))).all()
+    assert others.recordable(rows(array('recorder: recording', 10, '/bag'))).all()
+    assert not others.recordable(rows(array('recorder: recording', 1000, '/else'))).any()
     assert others.bag == '/else'
-    assert Others([], '/bag').said(crowd).all()  # all of it was asked for
+    assert Others([], '/bag').recordable(crowd).all()  # all of it was asked for
 
 
 def ask(ros, client):
