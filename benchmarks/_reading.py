@@ -26,7 +26,9 @@ def ours(path: Path) -> tuple[float, int]:
     """Return the seconds that our reader takes, and the number of samples."""
     from imu_bench.offline.recordings import ReadOptions
     from imu_bench.offline.recordings.cache import columns
+    from imu_bench.offline.running import keep_freed_memory
 
+    keep_freed_memory()  # as `imu-bench analyze` does
     turns, count = [], 0
     for _ in range(TURNS):
         start = time.perf_counter()

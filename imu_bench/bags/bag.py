@@ -20,6 +20,9 @@ from imu_bench.bags.metadata import Announcement
 from imu_bench.bags.problems import COUNTS, INCOMPLETE, Problem
 from imu_bench.errors import RecordingError
 
+_LOOKED_AT = 64
+"""Messages of a block that tell whether they are compressed."""
+
 _ZSTD_START = int.from_bytes(ZSTD_MAGIC, 'little')
 _SPLIT = re.compile(r'^(?P<stem>.*?)(?:_(?P<number>\d+))?(?P<suffix>\.(?:db3|mcap)(?:\.zstd)?)$')
 
@@ -251,9 +254,10 @@ def _packed(block: Block) -> bool:
     """
     Return whether the messages of a block are compressed one by one, whatever the metadata says.
 
-    No serialized message begins like that; where one is damaged, others tell.
+    No serialized message begins like that; where one is damaged, others tell.  A recorder
+    compresses all of them or none, so that a few will do.
     """
-    whole = block.offsets[block.sizes >= len(ZSTD_MAGIC)]
+    whole = block.offsets[:_LOOKED_AT][block.sizes[:_LOOKED_AT] >= len(ZSTD_MAGIC)]
     return bool((gather(block.buffer, '<u4', whole) == _ZSTD_START).any())
 
 
