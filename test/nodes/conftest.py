@@ -81,11 +81,15 @@ def elsewhere(ros):
 
 @pytest.fixture
 def said(ros):
-    """Return what is said on /diagnostics, by name of the status."""
-    from diagnostic_msgs.msg import DiagnosticArray
+    """Return what is said on /diagnostics, by name; of whom has not spoken yet it is empty."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
     from rclpy.node import Node
 
-    found = {}
+    class Said(dict):
+        def __missing__(self, name):
+            return DiagnosticStatus()
+
+    found = Said()
 
     def listen(message):
         found.update({status.name: status for status in message.status})

@@ -43,7 +43,8 @@ class Talker:
     def publish(self, first, last):
         """Publish when somebody listens, a few at a time."""
         if self._publisher is None:
-            self._publisher = self._node.create_publisher(Imu, TOPIC, 1000)
+            # as many as a test publishes: none is overwritten before it is acknowledged
+            self._publisher = self._node.create_publisher(Imu, TOPIC, 4000)
         self._ros.spin_until(self._publisher.get_subscription_count, 'the recorder subscribes')
         message = Imu()
         for index in range(first, last):
