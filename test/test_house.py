@@ -66,15 +66,18 @@ def modules():
     return house.imports(house.files())
 
 
+@pytest.mark.slow
 def test_the_offline_rooms_stand_in_no_circle(modules):
     rooms = {name: targets for name, targets in modules.items() if '.offline.' in name}
     assert house.circles({n: t & rooms.keys() for n, t in rooms.items()}) == []
 
 
+@pytest.mark.slow
 def test_the_diagram_of_the_architecture_is_that_of_the_code():
     page = (Path(__file__).parents[1] / 'docs' / 'architecture.md').read_text(encoding='utf-8')
     assert house.diagram() in page, 'put in what `python test/house.py --diagram` prints'
 
 
+@pytest.mark.slow
 def test_no_module_imports_itself_by_way_of_others(modules):
     assert house.circles(modules) == []

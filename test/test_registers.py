@@ -232,6 +232,7 @@ def test_a_reading_at_the_limit_is_saturated():
     assert Chip.acceleration.saturated(words[:0]).tolist() == []
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(*[st.floats(-4e4, 4e4)] * 3), min_size=1, max_size=5),
     st.sampled_from([2, 4, 8, 16]),

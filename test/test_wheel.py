@@ -86,6 +86,7 @@ def test_everything_is_installed(place):
         }
 
 
+@pytest.mark.slow
 def test_it_works_in_an_empty_folder(place):
     folder, there = place
     command = there / 'imu-bench'
@@ -115,6 +116,7 @@ assert len(ib.load('there.json')) == 2
 """
 
 
+@pytest.mark.slow
 def test_the_offline_part_needs_neither_linux_nor_ros(place):
     folder, there = place
     run(there / 'python', '-c', OFFLINE, ROOT / 'test', cwd=folder)

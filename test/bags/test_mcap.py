@@ -204,6 +204,7 @@ def one_by_one(buffer, start, until):
     return found, place
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.tuples(

@@ -29,6 +29,7 @@ def test_every_sample_arrives_once_with_its_value(bench, kind, bypass):
     assert not +made.driver.counters
 
 
+@pytest.mark.slow
 def test_stamps_of_the_field_are_within_its_period(bench):
     made = bench('spi')
     made.run(2.0)
@@ -36,6 +37,7 @@ def test_stamps_of_the_field_are_within_its_period(bench):
     np.testing.assert_allclose(np.diff(stamps), 10e6, atol=1.1e6)
 
 
+@pytest.mark.slow
 def test_a_slower_rate(bench):
     made = bench(rate_hz=100.0, accelerometer_bandwidth=44.8)
     made.run(5.0)
@@ -99,6 +101,7 @@ def test_a_magnetometer_that_fails_does_not_cost_samples_of_the_main_die(bench):
     assert sum(map(len, made.fields)) == pytest.approx(50, abs=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'bypass'), [('i2c', False), ('i2c', True), ('spi', False)])
 def test_a_magnetometer_that_alone_lost_its_mode_is_configured_again(clock, bench, kind, bypass):
     made = bench(kind, magnetometer_bypass=bypass)

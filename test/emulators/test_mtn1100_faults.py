@@ -76,6 +76,7 @@ def test_a_wire_that_fails_is_named_counted_and_recovers(bench, kind, fault, err
     assert_only_true_samples(made)
 
 
+@pytest.mark.slow
 def test_an_ads1115_at_its_reset_values_is_noticed_at_once(bench):
     made = bench('i2c', ads1115_range=1.024)
     made.bus.inject('brown_out')

@@ -115,6 +115,7 @@ def test_another_part_is_refused(starting):
         made.acquisition.prepare()
 
 
+@pytest.mark.slow
 def test_a_defective_self_test_is_reported_and_the_chip_reset(bench):
     made = bench()
     made.chip.self_test = 2000

@@ -103,6 +103,7 @@ def only_true_samples(made):
 
 
 # --- without faults ----------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize('rate_error', [-0.008, 0.0, 0.008])
 @every_line
 def test_stamps_have_the_period_of_the_device(bench, name, kind, rate_error):

@@ -32,6 +32,7 @@ def test_a_pool_is_the_record_with_holes_that_it_would_have_been():
     assert one.N.high - one.N.low == pytest.approx(other.N.high - other.N.low, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_interval_of_the_pool_holds_the_truth_and_is_narrower():
     held, widths, alone = 0, [], []
     for seed in range(20):

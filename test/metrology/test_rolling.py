@@ -100,6 +100,7 @@ def test_equals_batch_at_every_moment(seed, sizes, window_s):
             assert_equal_to_batch(window, stamps[:end], values[:end])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('length', [1, 40, 1500])
 def test_a_huge_transient_leaves_nothing_behind(length):
     n = 20_000

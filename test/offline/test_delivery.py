@@ -199,6 +199,7 @@ def test_two_recorders_are_severe_also_where_the_samples_are_whole(tmp_path, gon
     assert finding.text.replace('\u202f', '') == f'{line}{words}.'
 
 
+@pytest.mark.slow
 def test_another_recorder_leaves_the_same_traces(tmp_path):
     bag = Recorded().sensor()  # nobody says what the recorder has heard first
     messages = bag.messages()

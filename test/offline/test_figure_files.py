@@ -113,6 +113,7 @@ def test_the_style_of_the_caller_is_left_alone(again):
     assert after == before
 
 
+@pytest.mark.slow
 def test_letters_can_be_read_in_a_column(full):
     """Of 8 cm and of 16 cm: no letter below 5 points, none above 12; nothing is cut off."""
     with look():

@@ -53,6 +53,7 @@ def test_nothing_heavy_is_imported_before_it_is_used():
     assert done.stdout.strip() == 'False'
 
 
+@pytest.mark.slow
 def test_an_analysis_imports_of_scipy_what_all_of_them_need():
     """A correlation with the temperature had brought the optimizers along, 0.1 s of every run."""
     rooms = 'optimize', 'signal', 'stats', 'interpolate', 'sparse', 'integrate'

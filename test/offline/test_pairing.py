@@ -131,6 +131,7 @@ def test_an_ambiguous_name_is_refused(files):
         joined(results, [('Accelerometer', 'Gyroscope')])
 
 
+@pytest.mark.slow
 def test_a_stream_is_half_of_one_pair_only(recording_of, noise):
     results = measured([recording_of(noise(n=3000), topic=name) for name in ('/a', '/b')])
     for pairs in ([('/a', '/a')], [('/a', '/b'), ('/b', '/a')]):

@@ -241,6 +241,7 @@ def test_the_seed_decides():
     assert not np.array_equal(shown(errors, seed=5), shown(errors, seed=6))
 
 
+@pytest.mark.slow
 @given(
     cuts=st.lists(st.integers(0, 50), min_size=1, max_size=6),
     seed=st.integers(0, 2**31),

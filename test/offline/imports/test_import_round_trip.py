@@ -94,6 +94,7 @@ def test_every_bit_and_every_nanosecond_comes_back(table, form):
             assert_same(before, after)
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(-(9 * 10**18), 9 * 10**18), min_size=1, max_size=9))
 def test_stamps_as_text_are_exact(stamps):
     text = rows(np.array(stamps), np.empty((len(stamps), 0))).replace(',', '').split()
