@@ -24,11 +24,24 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
-SPREAD = {'test_benchmarks.py', 'test_every_driver.py', 'test_every_fault.py'}
-"""Files of many tests without fixtures to share: any worker takes the next of them."""
+DEMOS = {
+    'test_demo.py': 'demo', 'test_demo_faults.py': 'demo', 'test_survive.py': 'demo',
+    'test_security.py': 'demo', 'test_record.py': 'record', 'test_strangers.py': 'record',
+}  # fmt: skip
+"""
+Files of tests that run whole benches in real time, the longest of all and mostly waiting, by what
+one worker takes one after the other: two benches of six sensors are more than four cores can do.
+"""
 
-DEMOS = 'demo'
-"""Folder of tests that one worker takes, one after the other."""
+LONG = (
+    'test_many_recordings.py', 'test_network.py', 'test_fuzzed_files.py',
+    'test_recorder_process.py', 'test_plan_bench.py', 'test_others.py', 'test_memory.py',
+    'test_sensor_process.py', 'test_closed_loop.py', 'test_analysis_node.py', 'test_wheel.py',
+)  # fmt: skip
+"""Files of few tests that take long, those that wait and those that compute in turn."""
+
+SPREAD = ('test_benchmarks.py', 'test_every_fault.py', 'test_every_driver.py')
+"""Files of many tests without fixtures to share: any worker takes the next of them, at the end."""
 
 
 def own_domain(config):
@@ -62,6 +75,13 @@ def pytest_configure(config):
         os.environ['ROS_DOMAIN_ID'] = str(own_domain(config))
 
 
+def turn(scope):
+    """Return when tests have their turn: the longest first, the shortest at the end."""
+    name = Path(scope.partition('::')[0]).name
+    order = [*DEMOS.values(), *LONG, '', *SPREAD]
+    return order.index(name if name in order else '')
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
     """Keep the tests of a file on one worker, which shares what they set up."""
@@ -70,14 +90,12 @@ def pytest_xdist_make_scheduler(config, log):
     class ByFile(LoadScopeScheduling):
         def _split_scope(self, nodeid):
             path = Path(nodeid.partition('::')[0])
-            if path.name in SPREAD:
-                return nodeid
-            # two demos at once are more than four cores can do
-            return DEMOS if path.parent.name == DEMOS else str(path)
+            return nodeid if path.name in SPREAD else DEMOS.get(path.name, str(path))
 
         def _assign_work_unit(self, node):
-            if DEMOS in self.workqueue:  # the longest of all, and mostly waiting
-                self.workqueue.move_to_end(DEMOS, last=False)
+            if not any(self.assigned_work.values()):  # the first: what was sorted by xdist
+                for scope in sorted(self.workqueue, key=turn):
+                    self.workqueue.move_to_end(scope)
             super()._assign_work_unit(node)
 
     return ByFile(config, log)

@@ -44,3 +44,9 @@ def imu_bench(capsys):
         return code, shown.out, shown.err
 
     return run
+
+
+@pytest.fixture
+def only_svg(monkeypatch):
+    """Write figures in one format, where it is not the formats that are looked at."""
+    monkeypatch.setattr('imu_bench.offline.presentation.figure_files.SUFFIXES', ('svg',))

@@ -406,10 +406,12 @@ class TestRealRecordings:
 class TestFigures:
     @pytest.mark.slow
     def test_they_are_written_into_a_new_folder(self, imu_bench, write_csv, tmp_path):
-        folder = tmp_path / 'figures'
-        code, out, err = imu_bench('analyze', write_csv(), '--figures', folder)
+        folder, path = tmp_path / 'figures', write_csv()
+        rows = [row.split(',')[:4] for row in path.read_text().splitlines()]  # no gyroscope
+        path.write_text('\n'.join(map(','.join, rows)))
+        code, out, err = imu_bench('analyze', path, '--figures', folder)
         assert (code, err) == (0, '')
-        assert f'wrote 24 files in {folder}' in out
+        assert f'wrote 12 files in {folder}' in out
         assert (folder / 'chip-linear_acceleration-allan.pdf').stat().st_size > 1000
 
     @pytest.mark.parametrize(

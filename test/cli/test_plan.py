@@ -8,6 +8,7 @@ import pytest
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures('only_svg')
 def test_static_in_the_terminal_and_in_files(imu_bench, write_csv, tmp_path):
     document, page, figures = tmp_path / 'p.json', tmp_path / 'p.html', tmp_path / 'figures'
     code, out, err = imu_bench(

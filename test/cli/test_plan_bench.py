@@ -45,6 +45,7 @@ def inside(estimate, value, slack=0.0):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures('only_svg')
 def test_tilt_steps(imu_bench, simulated, tmp_path):
     bag = simulated('tilt_steps')
     page, figures = tmp_path / 'tilt.html', tmp_path / 'figures'
@@ -118,6 +119,7 @@ def test_set_angles_of_the_wrong_number_are_refused_in_one_line(imu_bench, simul
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures('only_svg')
 def test_heat_to_80(imu_bench, simulated, tmp_path):
     bag = simulated('heat_to_80')
     found, out = analysed(

@@ -64,8 +64,10 @@ class Ros:
 
 
 @pytest.fixture
-def ros():
+def ros(monkeypatch):
     """Give a context of ROS 2 with a hand-spun executor."""
+    # sensors that go on are not silent, however long a recorder that is closed waits for that
+    monkeypatch.setattr('imu_bench.nodes.intake.LINGER_S', 0.5)
     made = Ros()
     yield made
     made.close()

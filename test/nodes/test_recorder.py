@@ -273,7 +273,10 @@ def test_damaged_blocks_are_said(ros, talker, record):
     assert status_of(node)[0].message == '1 blocks of messages damaged'
 
 
-def test_what_is_on_its_way_when_it_is_closed_is_stored(ros, talker, record):
+def test_what_is_on_its_way_when_it_is_closed_is_stored(ros, talker, record, monkeypatch):
+    # a machine with much else to do keeps the talking thread waiting
+    monkeypatch.setattr('imu_bench.nodes.intake.QUIET_S', 2.0)
+    monkeypatch.setattr('imu_bench.nodes.intake.LINGER_S', 60.0)
     sensor = BlockSensor(talker)
     node = record()
     ros.spin_until(sensor.blocks.get_subscription_count, 'the recorder subscribes')
