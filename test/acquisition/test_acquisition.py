@@ -255,7 +255,7 @@ def test_the_thread_runs_stops_and_announces(chip):
     acquisition.start()
     with pytest.raises(NotReady, match='runs already'):
         acquisition.start()
-    assert heard.wait(20.0)
+    heard.wait()
     acquisition.stop()
     assert acquisition.stats.state == 'stopped'
     assert not [thread for thread in threading.enumerate() if thread.name.startswith('acquire')]
@@ -274,13 +274,13 @@ def test_a_bus_that_hangs_is_reported_and_not_waited_for(chip):
 
     def hang():
         inside.set()
-        release.wait(30.0)
+        release.wait(300.0)
         return []
 
     device.read = hang
     acquisition = Acquisition(device, clock, name='left')
     acquisition.start()
-    assert inside.wait(20.0)
+    inside.wait()
     with pytest.raises(NotReady, match=r'left: the bus has not answered'):
         acquisition.stop(timeout_s=0.05)
     release.set()

@@ -15,8 +15,6 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-SETTLED_S = 60.0
-
 
 def sensor(name, driver='generic', **given):
     given = {'driver': driver, 'backend': 'emulated', **given}
@@ -29,14 +27,13 @@ def record(bag, sensors, samples=300, storage='mcap'):
     """Record until every sensor has given so many samples."""
     recording = direct.DirectRecording(bag, sensors, storage)
     recording.start()
-    waiting = threading.Event()
-    for _ in range(int(SETTLED_S / 0.1)):
-        read = [
-            recording.statuses[s.name].values['samples'] for s in sensors if recording.statuses
-        ]
-        if read and min(read) >= samples:
-            break
-        waiting.wait(0.1)
+
+    def fewest():
+        said = recording.statuses
+        return min(said[s.name].values['samples'] for s in sensors) if said else 0
+
+    while fewest() < samples:
+        threading.Event().wait(0.1)  # the pace of looking
     recording.close()
     return recording
 
