@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import io
 import math
 
-_SMALLEST = -3  # exponent of what is written without a power of ten beside its uncertainty
+# exponents between which a number is written without a power of ten beside its uncertainty
+_SMALLEST, _LARGEST = -3, 7
 _SUPERSCRIPT = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 
 SPACES = '\u00a0\u2009\u202f'
@@ -60,15 +61,30 @@ def listed(things: Sequence[object], most: int, between: str = ', ', last: str =
     return between.join(map(str, things[:most])) + more
 
 
-def number(value: float, digits: int = 4) -> str:
-    """Return a number with this many significant digits."""
+def number(value: float, digits: int = 4, power: int | None = None) -> str:
+    """Return a number with this many significant digits, perhaps with a given power of ten."""
     if value == 0.0:
         return '0'
     exponent = _exponent(value, digits)
-    if -4 <= exponent < 7:
+    if power == 0 or (power is None and -4 <= exponent < 7):
         return _fixed(value, digits - 1 - exponent)
+    if power is not None:
+        return f'{_fixed(value / 10.0**power, digits - 1 - exponent + power)}{_power(power)}'
     mantissa = f'{value:.{digits - 1}e}'.partition('e')[0]  # dividing would not reach 1e-310
     return f'{mantissa}{_power(exponent)}'
+
+
+def common_power(values: Iterable[float]) -> int:
+    """
+    Return the power of ten with which numbers that stand below one another are written.
+
+    Examples
+    --------
+    >>> common_power([-2.3e-3, 9.3e-4]), common_power([2e-5, 3e-6])
+    (0, -5)
+    """
+    scale = _exponent(max(map(abs, values), default=0.0), 2)
+    return 0 if _SMALLEST <= scale < _LARGEST else scale
 
 
 def power_of_ten(exponent: int) -> str:
@@ -80,12 +96,15 @@ _ROUNDING = 1e-12
 """Relative width of an interval that is no more than what the sums of its mean were rounded to."""
 
 
-def with_uncertainty(value: float, low: float | None, high: float | None) -> str:
+def with_uncertainty(
+    value: float, low: float | None, high: float | None, power: int | None = None
+) -> str:
     """
     Return a value and its interval.
 
     The uncertainty has two digits, and the value as many decimals.  An interval that is not
-    symmetric about the value is written as an interval.
+    symmetric about the value is written as an interval.  The power of ten is that of the number,
+    or a given one.
 
     Examples
     --------
@@ -95,13 +114,13 @@ def with_uncertainty(value: float, low: float | None, high: float | None) -> str
     '46.547'
     """
     if low is None or high is None or high - low <= _ROUNDING * abs(value):
-        return number(value, 5)
+        return number(value, 5, power)
     down, up = value - low, high - value
     half = 0.5 * (high - low)
     if min(down, up) < 0.6 * max(down, up):
-        return _interval(value, low, high)
-    scale = _exponent(max(abs(value), half), 2)
-    if _SMALLEST <= scale < 7:
+        return _interval(value, low, high, power)
+    scale = common_power((value, half)) if power is None else power
+    if scale == 0:
         decimals = 1 - _exponent(half, 2)
         return f'{_fixed(value, decimals)} ± {_fixed(half, decimals)}'
     factor = 10.0**scale
@@ -111,10 +130,10 @@ def with_uncertainty(value: float, low: float | None, high: float | None) -> str
     )
 
 
-def _interval(value: float, low: float, high: float) -> str:
+def _interval(value: float, low: float, high: float, power: int | None) -> str:
     step = min(abs(value - low) or math.inf, abs(high - value) or math.inf)
-    scale = _exponent(max(abs(low), abs(high)), 2)
-    factor, suffix = (1.0, '') if _SMALLEST <= scale < 7 else (10.0**scale, _power(scale))
+    scale = common_power((low, high)) if power is None else power
+    factor, suffix = (10.0**scale, _power(scale)) if scale else (1.0, '')
     decimals = 1 if math.isinf(step) else -_exponent(step / factor, 1)
     if value != 0.0:  # two digits at least, or 5.3 would read as 5
         decimals = max(decimals, 1 - _exponent(value / factor, 2))

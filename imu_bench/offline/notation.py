@@ -46,17 +46,19 @@ def unit_of(estimates: Sequence[Estimate], role: str) -> str:
     return readable_unit(estimates[0].unit, role, sizes)
 
 
-def bare(value: float, digits: int = 5) -> str:
+def bare(value: float, digits: int = 5, power: int | None = None) -> str:
     """Return a number that has no uncertainty: zeros at its end would promise one."""
-    mantissa, times, power = number(value, digits).partition('×')
+    mantissa, times, raised = number(value, digits, power).partition('×')
     if '.' in mantissa:
         mantissa = mantissa.rstrip('0').rstrip('.')
-    return f'{mantissa}{times}{power}'
+    return f'{mantissa}{times}{raised}'
 
 
-def value_text(estimate: Estimate) -> str:
+def value_text(estimate: Estimate, power: int | None = None) -> str:
     """
     Return value and uncertainty without the unit; the upper bound where there is no value.
+
+    The power of ten is that of the number, or one that a whole column has.
 
     Examples
     --------
@@ -66,11 +68,11 @@ def value_text(estimate: Estimate) -> str:
     '< 0.034'
     """
     if estimate.value is None:
-        return '–' if estimate.high is None else f'< {number(estimate.high, 2)}'
-    return with_uncertainty(estimate.value, estimate.low, estimate.high)
+        return '–' if estimate.high is None else f'< {number(estimate.high, 2, power)}'
+    return with_uncertainty(estimate.value, estimate.low, estimate.high, power)
 
 
-def text(estimate: Estimate, unit: str | None = None) -> str:
+def text(estimate: Estimate, unit: str | None = None, power: int | None = None) -> str:
     """
     Return an estimate with its unit, converted if another unit is named.
 
@@ -80,7 +82,7 @@ def text(estimate: Estimate, unit: str | None = None) -> str:
     '204 ± 10 µg/√Hz'
     """
     shown = estimate if unit is None or unit == estimate.unit else estimate.to(unit)
-    words = value_text(shown)
+    words = value_text(shown, power)
     return words if words == '–' or shown.unit == '1' else f'{words} {shown.unit}'
 
 

@@ -343,6 +343,9 @@ def _neighbours(graph: Mapping[str, str]) -> Iterable[str]:
 
 
 def _nobody_publishes(names: Sequence[str], graph: Mapping[str, str]) -> str:
+    for name in names:
+        if len(several := meant(name, _imus(graph))) > 1:
+            return f'{name!r} names several topics: {", ".join(several)}'
     there = ', '.join(_imus(graph)) or 'none'
     if names:
         lost = ', '.join(names)

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline import notation
+from imu_bench.offline.presentation.tables import cells, Column, Table
 import pytest
 
 NUMBERS = st.floats(min_value=-1e12, max_value=1e12, allow_nan=False).filter(
@@ -45,6 +46,31 @@ def test_an_interval_that_is_not_symmetric_is_written_out():
     shown = notation.value_text(Estimate(3.0e-4, 1.0e-4, 9.0e-4, 'g'))
     assert plain(shown) == pytest.approx([3e-4, 1e-4, 9e-4], rel=0.01)
     assert 'to' in shown
+
+
+@pytest.mark.parametrize(
+    ('sizes', 'powers'),
+    [
+        ([-9.3e-4, -2.33e-3, -5.2e-3], []),
+        ([1.2e-6, 250.0], []),
+        ([4e-5, 3.1e-6], ['⁻⁵'] * 2),
+        ([3e8, 2e5, 1.0], ['⁸'] * 3),
+    ],
+)
+@pytest.mark.parametrize('kind', ['interval', 'bound', 'lopsided', 'plain'])
+def test_powers_of_ten_are_written_one_way_in_a_column(sizes, powers, kind):
+    """Beside one another (-9.3 ± 5.8)×10⁻⁴ and -0.00233 are read as if the first were larger."""
+    made = {
+        'interval': lambda v: Estimate(v, v - 0.2 * abs(v), v + 0.2 * abs(v), '°'),
+        'bound': lambda v: Estimate.not_observable('°', 'short', high=v),
+        'lopsided': lambda v: Estimate(v, v - 0.1 * abs(v), v + 0.9 * abs(v), '°'),
+        'plain': float,
+    }[kind]
+    rows = tuple((made(size),) for size in sizes)
+    shown = [row[0].text for row in cells(Table('', (Column('angle', '°'),), rows))]
+    assert [m[1] for one in shown if (m := re.search('×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)', one))] == powers
+    for size, words in zip(sizes, shown, strict=True):
+        assert plain(words)[0] == pytest.approx(size, rel=0.06)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
+from imu_bench.counting import common_power
 from imu_bench.errors import DataError
 from imu_bench.metrology.estimate import Estimate
 from imu_bench.offline.notation import bare, number, short, text, unit_of, value_text
@@ -59,7 +60,7 @@ class Table:
 
 def cells(table: Table) -> list[list[Shown]]:
     """
-    Return the rows of a table, every number in the unit of its column.
+    Return the rows of a table, every number in the unit and with the power of ten of its column.
 
     Raises
     ------
@@ -73,10 +74,33 @@ def cells(table: Table) -> list[list[Shown]]:
     >>> [[cell.text for cell in row] for row in cells(one)]
     [['1', '0.573 ± 0.057'], ['2.5', '–']]
     """
-    return [
-        [_cell(cell, column) for cell, column in zip(row, table.columns, strict=True)]
-        for row in table.rows
-    ]
+    shown = [_column(column, [row[at] for row in table.rows])
+             for at, column in enumerate(table.columns)]  # fmt: skip
+    return [list(row) for row in zip(*shown, strict=True)]
+
+
+def _column(column: Column, given: Sequence[Cell]) -> list[Shown]:
+    powers = _power(given, column.unit), _power(given, '') if column.si else None
+    return [_cell(cell, column, *powers) for cell in given]
+
+
+def _power(column: Sequence[Cell], unit: str) -> int | None:
+    """Return the power of ten of a column, None where its numbers need none or share no unit."""
+    numbers = [cell.to(unit or cell.unit) if isinstance(cell, Estimate) else cell
+               for cell in column if isinstance(cell, Estimate | float)]  # fmt: skip
+    units = {cell.unit for cell in numbers if isinstance(cell, Estimate)}
+    said = (value_text(cell) if isinstance(cell, Estimate) else bare(cell) for cell in numbers)
+    if len(units) > 1 or not any('×' in words for words in said):
+        return None
+    return common_power(size for cell in numbers for size in _sizes(cell))
+
+
+def _sizes(cell: Estimate | float) -> list[float]:
+    """Return the numbers that a cell shows."""
+    if not isinstance(cell, Estimate):
+        return [cell]
+    ends = (cell.high,) if cell.value is None else (cell.value, cell.low, cell.high)
+    return [end for end in ends if end is not None and math.isfinite(end)]
 
 
 def words(table: Table) -> list[bool]:
@@ -91,7 +115,7 @@ def _is_words(cell: Cell) -> bool:
     return bool(cell.kind) if isinstance(cell, Shown) else isinstance(cell, str | None)
 
 
-def _cell(cell: Cell, column: Column) -> Shown:
+def _cell(cell: Cell, column: Column, power: int | None, power_of_si: int | None) -> Shown:
     if isinstance(cell, Shown):
         return cell
     if cell is None:
@@ -100,11 +124,11 @@ def _cell(cell: Cell, column: Column) -> Shown:
         return Shown(cell)
     if isinstance(cell, Estimate):
         unit = column.unit or cell.unit
-        said = value_text(cell.to(unit))
+        said = value_text(cell.to(unit), power)
         own = '' if column.unit or unit == '1' or said == '–' else f' {unit}'
         in_si = column.si and unit != cell.unit and said != '–'
-        return Shown(f'{said}{own}', cell.reason, (text(cell),) if in_si else ())
-    return Shown(str(cell) if isinstance(cell, int) else bare(cell))
+        return Shown(f'{said}{own}', cell.reason, (text(cell, power=power_of_si),) if in_si else ())
+    return Shown(str(cell) if isinstance(cell, int) else bare(cell, power=power))
 
 
 def columns_of(

@@ -227,7 +227,7 @@ _PER_SECOND = {'m/s²': 'm/s³', 'rad/s': 'rad/s²'}
 
 _NUMBERS_NOTE = (
     'Continuous-time, two-sided, in SI: root of the mean square of the axes, and up to where the '
-    'interval of the worst one reaches, which `export --conservative` gives; “<” is an upper '
+    'interval of the worst one reaches (imu-bench export --conservative); “<” is an upper '
     'bound, which programs that refuse 0 are given. B has no place in these programs.'
 )
 _DOUBTED = ' † The recording has severe findings: these describe it, not the sensor.'
