@@ -86,6 +86,21 @@ def test_figures_of_several(result, read_by_bokeh):
         _columns_are_there(found.renderers)
 
 
+def test_small_figures_of_each_axis_show_every_sensor_on_the_same_scale(result, read_by_bokeh):
+    recordings = [result, replace(result, topic='/other')]
+    together = dict(figures.of_all(recordings, ['one', 'other'], 'angular_velocity'))['allan']
+    small = figures.of_each_axis(together)
+    assert [figure.title for figure in small] == ['x', 'y', 'z']
+    for figure, axis in zip(small, recordings[0].of('angular_velocity'), strict=True):
+        assert [series.name for series in figure.series] == ['one', 'other']
+        factor = figure.series[0].y / axis.allan.deviation
+        assert factor == pytest.approx(factor[0])
+        found = read_by_bokeh(drawn(figure))
+        assert not found.legend and (found.y_range.start, found.y_range.end) == together.view
+        assert all(renderer.visible for renderer in found.renderers)
+        _columns_are_there(found.renderers)
+
+
 def test_figures_of_plans(read_by_bokeh):
     x = np.arange(3.0)
     kinds = ('line', 'step', 'points', 'bars')

@@ -40,7 +40,7 @@ import numpy as np
 
 _NAMED_TONES = 3  # in order of amplitude; more names than these cover one another
 _NAMED_RUNS = 10
-_LOW = 0.6  # height where the shape says it all
+_LOW, _SMALL = 0.6, 0.75  # height where the shape says it all, and where three are side by side
 _ASIDE = 0.2  # of the distance between two runs: the points of three axes do not cover one another
 _STAMP_S = 1e-8  # intervals that differ by less than ten steps of a stamp show nothing
 
@@ -120,6 +120,17 @@ def of_all(
         yield 'allan', compare_allan(shown, title.format('Allan deviation'))
     if shown := [row for row in rows if row.axis.psd is not None]:
         yield 'spectrum', compare_spectrum(shown, title.format('noise spectrum'))
+
+
+def of_each_axis(figure: Figure) -> list[Figure]:
+    """Return a small figure for each axis that a figure lets choose, without a legend of its own."""
+    return [
+        replace(figure, title=letter, choices=(), height=_SMALL, series=tuple(
+            replace(series, label='', name=series.label, dash='solid', choices=())
+            for series in figure.series if letter in series.choices
+        ))
+        for letter in AXIS_COLOURS if letter in figure.choices
+    ]  # fmt: skip
 
 
 def spectrum(axes: Sequence[AxisResult], name: str) -> Figure:

@@ -196,7 +196,8 @@
     document.querySelectorAll('.sensor > .run, #reading > .run').forEach(function (run) { run.open = true; });
     Array.from(waiting.keys()).forEach(draw);
     document.querySelectorAll('.plot').forEach(function (place) {
-      place.style.zoom = Math.min(0.8, width / place.clientWidth, height / place.clientHeight);
+      const room = place.closest('.panels') ? width * 2 / 3 : width;
+      place.style.zoom = Math.min(0.8, room / place.clientWidth, height / place.clientHeight);
     });
   });
   window.addEventListener('afterprint', function () {

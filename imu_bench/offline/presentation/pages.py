@@ -54,13 +54,9 @@ def render_report(analysis: Analysis) -> str:
     asked = analysis.sensors
     names = compared.labels[: len(asked)]
     together = [
-        place
+        _together(asked, names, quantity, collected)
         for quantity in IMU_QUANTITIES
         if quantity.name in compared.standings and len(asked) > 1
-        for place in collected.add(
-            figure
-            for _, figure in analysis_figures.of_all(asked, names, quantity.name, ', all sensors')
-        )
     ]
     sensors = [
         _sensor(recording, label, collected)
@@ -94,6 +90,15 @@ def render_report(analysis: Analysis) -> str:
         of_others=sentences.OF_OTHERS,
         together=together,
     )
+
+
+def _together(
+    recordings: Sequence[RecordingResult], names: Sequence[str], quantity: Quantity, to: Places
+) -> dict[str, Any]:
+    """Return the figures that all sensors share, and the Allan deviations of each axis."""
+    found = dict(analysis_figures.of_all(recordings, names, quantity.name, ', all sensors'))
+    axes = analysis_figures.of_each_axis(found['allan']) if 'allan' in found else []
+    return {'name': quantity.title, 'figures': to.add(found.values()), 'axes': to.add(axes)}
 
 
 def write_report(analysis: Analysis, path: str | os.PathLike[str]) -> None:
