@@ -17,8 +17,9 @@ from imu_bench.samples import Samples
 import numpy as np
 import pytest
 
-# per sensor and quantity: Allan, spectrum, time, distribution, noise over time; 2 tracked biases
-FIGURES = 2 * 2 * 5 + 2 + 4
+# per sensor and quantity: Allan, spectrum, time, distribution, noise over time; 2 tracked biases;
+# of all sensors Allan and spectrum, and a small Allan figure of each axis
+FIGURES = 2 * 2 * 5 + 2 + 4 + 2 * 3
 EVIL = '<script>alert(1)</script>'
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
 
