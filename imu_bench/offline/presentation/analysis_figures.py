@@ -123,7 +123,7 @@ def of_all(
 
 
 def of_each_axis(figure: Figure) -> list[Figure]:
-    """Return a small figure for each axis that a figure lets choose, without a legend of its own."""
+    """Return a small figure, without a legend, for each axis that a figure lets choose."""
     return [
         replace(figure, title=letter, choices=(), height=_SMALL, series=tuple(
             replace(series, label='', name=series.label, dash='solid', choices=())

@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from imu_bench.bags.problems import SIMULATED
 from imu_bench.errors import RecordingError
 from imu_bench.metrology.estimate import CONFIDENCE
 from imu_bench.offline import exports
@@ -242,6 +243,7 @@ def render_plan(result: PlanResult) -> str:
         version=__version__,
         result=result,
         banner=sentences.of_simulation([result.simulated]),
+        findings=[found for found in result.findings if found.code != SIMULATED],  # the banner's
         taken=recorded.sentence(result.recorded),
         streams=recorded.table(result.recorded),
         sources=result.sources[:_NAMED_SOURCES],

@@ -126,8 +126,9 @@ def _cell(cell: Cell, column: Column, power: int | None, power_of_si: int | None
         unit = column.unit or cell.unit
         said = value_text(cell.to(unit), power)
         own = '' if column.unit or unit == '1' or said == '–' else f' {unit}'
-        in_si = column.si and unit != cell.unit and said != '–'
-        return Shown(f'{said}{own}', cell.reason, (text(cell, power=power_of_si),) if in_si else ())
+        below = column.si and unit != cell.unit and said != '–'
+        small = (text(cell, power=power_of_si),) if below else ()
+        return Shown(f'{said}{own}', cell.reason, small)
     return Shown(str(cell) if isinstance(cell, int) else bare(cell, power=power))
 
 

@@ -13,7 +13,7 @@ from imu_bench.metrology.spectra.tones import Tone
 from imu_bench.metrology.trials.envelope import Envelope, Fault
 from imu_bench.metrology.trials.vibration import crank_frequency, families, Family
 from imu_bench.offline.plans.vibration import bearing
-from imu_bench.offline.plans.vibration.comparing import Against, origins, TONES
+from imu_bench.offline.plans.vibration.comparing import Against, origins
 from imu_bench.offline.plans.vibration.measuring import (
     AxisVibration,
     Picture,
@@ -245,19 +245,17 @@ def _families(found: Found) -> Table:
 def _against(found: Found) -> Table:
     base = found.sensors[found.reference]
     rows: list[tuple[Cell, ...]] = []
+    most = max((len(one.gains) for one in found.against), default=0)
     for one in found.against:
         response = one.response
         tones: list[Cell] = []
-        for place in range(TONES):
-            if place < len(one.gains):
-                tone, gain = one.gains[place]
-                tones += [round(tone.frequency.value or 0.0, 3), gain]
-            else:
-                tones += [None, None]
+        for tone, gain in one.gains:
+            tones += [round(tone.frequency.value or 0.0, 3), gain]
+        tones += [None] * (2 * most - len(tones))
         coherent = None if response is None else float(response.coherence.mean())
         offset: Cell = None if response is None else response.offset
         rows.append((f'{one.label} {one.letter}', offset, coherent, one.ratio, *tones, one.why))
-    heads = [c for k in range(TONES) for c in (Column(f'tone {k + 1}', 'Hz'), Column('gain'))]
+    heads = [c for k in range(most) for c in (Column(f'tone {k + 1}', 'Hz'), Column('gain'))]
     columns = (
         Column('sensor, axis'), Column('late by', 'ms'), Column('mean coherence'),
         Column('RMS ratio'), *heads, Column('remark'),
