@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
@@ -54,6 +54,7 @@ _SECONDS = ('sec', 'secs', 'seconds', 's')
 _NANOSECONDS = re.compile(r'^(?P<stem>.*?)_?(?:nano_?sec(?:ond)?s?|nsecs?|nanos)$')
 """The second part of a stamp in two columns, as messages of ROS have it."""
 
+_ISO_DATE = '2001-09-09 01:46:40.5'
 _INDEX = re.compile(
     r'^(?:index|idx|sample|n_samples|sample_?(?:no|number|index|counter)|counter)$'
 )
@@ -117,7 +118,8 @@ def assign(path: Path, layout: Layout, options: ReadOptions) -> tuple[list[Assig
         )
     for column in found:
         if not layout.numeric[column.index]:
-            raise RecordingError(f'{path}: column {column.label!r} does not hold numbers')
+            dates = f'; dates are read as in {_ISO_DATE}' if column.target == 'stamp' else ''
+            raise RecordingError(f'{path}: column {column.label!r} does not hold numbers{dates}')
     columns, notes, lacking = _scaled(found, options)
     notes += _beyond(found, layout, options)
     problems = []
@@ -327,14 +329,22 @@ def _scaled(
 
 def _given_units(found: list[_Found], options: ReadOptions) -> dict[str, str]:
     given = column_units.parse_units(options.units)
-    given = {_QUANTITY_NAMES.get(name, name): unit for name, unit in given.items()}
     known = {*SI, *(column.label for column in found), *(column.target for column in found)}
+    given = {_known_as(name, known): unit for name, unit in given.items()}
     for name in given:
         if name not in known:
             raise RecordingError(
                 f'--units: nothing is called {name!r}; known are {", ".join(sorted(known))}'
             )
     return given
+
+
+def _known_as(name: str, known: Collection[str]) -> str:
+    """Return the quantity or the column that a name of --units means: `acc`, `ax` or `t`."""
+    if name in known:
+        return name
+    meaning = recognise(name)
+    return meaning[0] if meaning and meaning[0] in known else _QUANTITY_NAMES.get(name, name)
 
 
 def _listing(layout: Layout) -> str:

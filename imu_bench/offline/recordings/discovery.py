@@ -54,7 +54,9 @@ def find_recordings(path: str | Path) -> tuple[Path, ...]:
             f'{problem.filename}: cannot be read: {problem.strerror}'
         ) from problem
     if not found:
-        raise RecordingError(f'{place}: no recording in this folder: no bag, text file or array')
+        alone = (place / metadata.FILE_NAME).is_file()
+        without = 'metadata.yaml without its bag' if alone else 'no bag, text file or array'
+        raise RecordingError(f'{place}: no recording in this folder: {without}')
     return found
 
 

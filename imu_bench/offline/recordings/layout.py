@@ -52,12 +52,18 @@ def detect(path: Path) -> Layout:
         sample = file.read(SAMPLE)
     layout = detect_in(sample)
     if layout is None:
-        what = 'UTF-16 text: save it as UTF-8' if sample.startswith(_UTF16_MARKS) else ''
-        raise RecordingError(
-            f'{path}: not a recording: '
-            + (what or 'neither a bag nor a table of numbers with a delimiter')
-        )
+        raise RecordingError(f'{path}: not a recording: {_instead(sample)}')
     return layout
+
+
+def _instead(sample: bytes) -> str:
+    """Return what a text without a table is."""
+    if sample.startswith(_UTF16_MARKS):
+        return 'UTF-16 text: save it as UTF-8'
+    words = sample.decode('utf-8', 'replace').replace(',', ' ').split()
+    if len(words) > 1 and all(map(is_number, words[:-1])):
+        return 'numbers without rows: say how many make a sample, as in --layout 6'
+    return 'neither a bag nor a table of numbers with a delimiter'
 
 
 def detect_in(sample: bytes) -> Layout | None:

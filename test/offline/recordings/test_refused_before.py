@@ -6,7 +6,7 @@ from datetime import datetime, timedelta, timezone
 from imu_bench.cli.main import main
 from imu_bench.errors import RecordingError
 from imu_bench.offline.analysis.results import read
-from imu_bench.offline.recordings.loading import load_all
+from imu_bench.offline.recordings import find_recordings, load_all
 from imu_bench.offline.recordings.opening import open_source
 from imu_bench.offline.recordings.source import ReadOptions
 from imu_bench.offline.recordings.spelling import checksum
@@ -208,3 +208,9 @@ def test_a_broken_file_beside_its_metadata(tmp_path, capsys, content, words):
     assert main(['analyze', str(tmp_path)]) == 1
     error = capsys.readouterr().err
     assert words in error and 'damaged' in error and len(error.splitlines()) == 1
+
+
+def test_metadata_without_its_bag_is_named(tmp_path):
+    (tmp_path / 'metadata.yaml').write_text('rosbag2_bagfile_information: {}\n')
+    with pytest.raises(RecordingError, match=r'folder: metadata\.yaml without its bag$'):
+        find_recordings(tmp_path)

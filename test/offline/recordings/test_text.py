@@ -251,6 +251,12 @@ class TestColumns:
                 r'--rate 100 \(a line before the table',
             ),
             ('index,ax\n0,1\n1,2\n,3\n', {'units': 'SI', 'rate_hz': 1}, 'holds no usable'),
+            ('1 2 3 4 5 6 7 8', {}, 'numbers without rows: say how many make a sample, as in --l'),
+            (
+                'time,ax,ay\n31.12.2024 10:00:00,1,1\n31.12.2024 10:00:01,2,2\n',
+                {'units': 'SI'},
+                "column 'time' does not hold numbers; dates are read as in 2001-09-09 01:46:40.5",
+            ),
         ],
     )
     def test_what_is_wrong_is_said_with_what_to_do(self, csv, text, options, message):
@@ -287,6 +293,13 @@ class TestUnits:
             units='acc=m/s^2,linear_acceleration.y=g,az=mg',
         )
         np.testing.assert_allclose(recording.samples.acceleration[0], [1, G, G / 1000], rtol=1e-15)
+
+    def test_go_by_the_names_that_columns_were_given(self, csv):
+        """As in --columns t,ax,gx --units t=ms,ax=g,gyro=deg/s."""
+        recording = csv('1,1,1\n2,1,1\n', columns='t,ax,gx', units='t=ms,ax=g,gyro=deg/s')
+        assert recording.samples.stamps.tolist() == [1_000_000, 2_000_000]
+        assert recording.samples.acceleration[0, 0] == pytest.approx(G)
+        assert recording.samples.angular_velocity[0, 0] == pytest.approx(DEGREE)
 
     @pytest.mark.parametrize(
         ('units', 'message'),
