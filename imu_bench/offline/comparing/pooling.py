@@ -161,7 +161,7 @@ def _sensor(found: Sequence[RecordingResult], confidence: float) -> RecordingRes
         f'{len(found)} recordings are pooled; N, B and K differ between them by no more than the '
         'intervals of each explain.',
         'The intervals of the pooled numbers hold for all of them.',
-        'None.',
+        'Nothing needs to be done.',
     )
     every = [one.health for one in found]
     health = replace(

@@ -74,7 +74,7 @@ def from_run_to_run(recording: RecordingResult, quantity: str) -> Iterator[tuple
             # a legend of many runs is larger than the figure: the pointer names them
             curves = [replace(s, label=s.label if len(runs) <= _NAMED_RUNS else '')
                       for s in figure.series]  # fmt: skip
-            yield 'runs', replace(figure, series=tuple(curves))
+            yield 'runs', replace(figure, series=tuple(curves), height=1.0)
     unit = _level_unit(recording.of(quantity))
     axes = recording.of(quantity)
     bias = [_trend(a, [run.axes[a.name].statistics['mean'] for run in runs], unit) for a in axes]

@@ -119,7 +119,9 @@ def _sensor(recording: RecordingResult, label: str, collected: Places) -> dict[s
         'words': sentences.of_sensor(recording),
         'facts': sentences.health_facts(health),
         'severity': health.severity,
-        'findings': health.findings,
+        # of simulated data the line below the name says so, and the banner
+        'findings': [found for found in health.findings if found.code != SIMULATED],
+        'simulated': recording.simulated,
         'exports': _exports(recording),
         'intervals': collected.add(filter(None, [analysis_figures.intervals(recording)])),
         'sections': [
