@@ -211,3 +211,11 @@ def test_a_bound_of_n_is_not_below_the_density_that_is_shown(quiet):
 
     assert shown(high) is high
     assert shown(low).high is None and 'plateau' in shown(low).reason
+
+
+def test_recordings_of_one_topic_without_a_serial_number_may_be_of_one_sensor(quiet):
+    monday, friday = (replace(quiet, source=day, topic='/imu') for day in ('monday', 'friday'))
+    assert '--pool' in said(monday, friday)
+    assert '--pool' not in said(monday)
+    assert '--pool' not in said(monday, replace(friday, topic='/other'))
+    assert '--pool' not in said(monday, replace(friday, serial='17'))

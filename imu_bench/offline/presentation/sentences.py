@@ -233,7 +233,7 @@ def of_all(analysis: Analysis, comparison: Comparison, *, si: bool = False) -> l
     recordings = analysis.sensors
     labels = comparison.labels[: len(recordings)]
     simulated = of_simulation([recording.simulated for recording in recordings])
-    lines = [*simulated, _recorded(analysis)]
+    lines = [*simulated, _recorded(analysis), *_perhaps_one(recordings)]
     lines += answers(recordings, labels, comparison, si=si)
     lines += _without_constants(recordings, labels)
     lines += [
@@ -286,6 +286,14 @@ def _recorded(analysis: Analysis) -> str:
     runs = sum(len(recording.runs) for recording in recordings)
     pooled = f' in {count(runs, "run")}' if runs else ''
     return f'{count(len(recordings), "sensor")}{pooled}, {length}, {samples}.{apart}{lost}'
+
+
+def _perhaps_one(recordings: Sequence[RecordingResult]) -> list[str]:
+    """Return that recordings of one topic, of which no serial number is known, can be pooled."""
+    topics, sources = ({getattr(one, name) for one in recordings} for name in ('topic', 'source'))
+    if len(topics) > 1 or len(sources) < 2 or any(one.serial for one in recordings):
+        return []
+    return [f'If the {len(recordings)} recordings are of one sensor, --pool makes one of them.']
 
 
 def _without_constants(recordings: Sequence[RecordingResult], labels: Sequence[str]) -> list[str]:
