@@ -123,8 +123,6 @@ def first(count: int, folder: Path) -> Path:
     path = config_file(f'benches/{BENCH}.yaml')
     document = yaml.safe_load(path.read_text('utf-8'))
     document['sensors'] = document['sensors'][:count]
-    for entry in document['sensors']:
-        entry['file'] = str((path.parent / entry['file']).resolve())
     written = folder / path.name
     written.write_text(yaml.safe_dump(document, allow_unicode=True), encoding='utf-8')
     return written

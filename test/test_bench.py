@@ -226,9 +226,8 @@ def test_a_test_may_set_its_sensors_otherwise():
 )
 def test_a_wrong_setting_of_a_test_is_said_when_the_bench_is_loaded(tmp_path, sensors, said):
     path = tmp_path / 'small.yaml'
-    sensor = config_file('sensors/scl3300.yaml').resolve()
     path.write_text(
-        f'name: small\nsensors:\n  - file: {sensor}\n'
+        'name: small\nsensors:\n  - file: scl3300\n'
         f'tests:\n  - name: heat\n    scenarios: [heat_to_80]\n    sensors: {sensors}\n'
     )
     with pytest.raises(ConfigError, match=re.escape(said)):

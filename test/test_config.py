@@ -263,6 +263,40 @@ def test_a_bench_takes_a_file_twice_under_two_names(tmp_path):
     assert bench.files['other'] == tmp_path / 'mine.yaml'
 
 
+@pytest.mark.parametrize('file', ['mpu9250', 'config/sensors/mpu9250.yaml'])
+def test_a_bench_anywhere_names_a_sensor_of_the_package_unless_it_has_its_own(tmp_path, file):
+    path = written(tmp_path, f'{{name: one, sensors: [{{file: {file}}}]}}', 'bench.yaml')
+    shipped = Path(__file__).resolve().parent.parent / 'config' / 'sensors' / 'mpu9250.yaml'
+    assert load_bench(path).files['mpu9250'].samefile(shipped)
+    own = tmp_path / file
+    own.parent.mkdir(parents=True, exist_ok=True)
+    written(own.parent, MINE, own.name)
+    assert load_bench(path).files['mpu9250'] == own
+
+
+@pytest.mark.parametrize(
+    ('file', 'said'),
+    [
+        ('mpu9205', "no sensor 'mpu9205'; did you mean 'mpu9250'?"),
+        ('config/sensors/none.yaml', "no sensor 'none'; known are adxl355, "),
+        ('mpu9250.yaml', 'mpu9250.yaml: no such file; those of the package are, without .yaml: '),
+    ],
+)
+def test_a_sensor_that_is_not_there_is_answered_with_those_that_are(tmp_path, file, said):
+    path = written(tmp_path, f'{{name: one, sensors: [{{file: {file}}}]}}', 'bench.yaml')
+    (found,) = problems(load_bench, path)
+    assert found.startswith(f'{path}: sensors[0].file: ')
+    assert said in found
+
+
+def test_a_bench_anywhere_takes_the_tests_of_one_of_the_package(tmp_path):
+    text = '{name: one, sensors: [{file: mtn1100}], tests: machine_vibration}'
+    assert load_bench(written(tmp_path, text, 'bench.yaml')).test('lift').scenarios
+    text = text.replace('machine_vibration', 'gone.yaml')
+    (found,) = problems(load_bench, written(tmp_path, text, 'bench.yaml'))
+    assert found.startswith(f'{tmp_path / "bench.yaml"}: tests: ')
+
+
 def test_every_problem_of_a_bench_and_its_sensors_at_once(tmp_path):
     written(tmp_path, MINE)
     path = written(

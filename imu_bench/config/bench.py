@@ -11,6 +11,7 @@ from typing import Any
 
 from imu_bench.config.campaign import BenchTest, read_tests
 from imu_bench.config.files import PARAMETERS, read_parameters, read_yaml
+from imu_bench.config.location import named_in
 from imu_bench.config.schema import check_all, flatten, raise_if_any, REQUIRED, Setting
 from imu_bench.config.sensor import load_sensor, RecordedIn, SensorConfig, SettingsOf
 from imu_bench.errors import ConfigError
@@ -38,7 +39,9 @@ _BENCH = (
     Setting('demo', '', 'Test that `imu-bench demo` shows; at rest if none.'),
 )
 _ENTRY = (
-    Setting('file', REQUIRED, "The sensor's file, relative to the bench's."),
+    Setting(
+        'file', REQUIRED, "The sensor's file, relative to the bench's; or one of the package."
+    ),
     Setting('name', '', "Name of the sensor; the file's by default."),
     Setting('up', '', 'Axis of the sensor that points up on the bench at rest.', allowed=UP),
 )
@@ -143,7 +146,10 @@ def load_bench(
     entries = document.pop('sensors', None)
     tests = document.pop('tests', None)
     if isinstance(tests, str):  # those of another bench, such as the emulated one
-        tests = read_yaml(path.parent / tests).get('tests')
+        try:
+            tests = read_yaml(named_in(path.parent, 'benches', tests)).get('tests')
+        except ConfigError as error:
+            raise ConfigError(f'{path}: tests: {error}') from None
     tests = read_tests(tests, f'{path}: tests', problems)
     sections = {
         'analysis': _section(document, 'analysis', ANALYSIS_SETTINGS, path, problems),
@@ -156,13 +162,14 @@ def load_bench(
         entries = []
     for index, entry in enumerate(entries):
         where = f'{path}: sensors[{index}]'
-        sensor = _sensor(entry, where, path.parent, settings_of, recorded_in, problems)
-        if sensor is None:
+        found = _sensor(entry, where, path.parent, settings_of, recorded_in, problems)
+        if found is None:
             continue
+        sensor, file = found
         if sensor.name in files:
             problems.append(f'{where}.name: {sensor.name!r} is there already; give another name')
         sensors.append(sensor)
-        files[sensor.name] = path.parent / entry['file']
+        files[sensor.name] = file
         up[sensor.name] = entry.get('up', '')
         overrides[sensor.name] = _overrides(entry)
     problems += _misplaced(sensors, up, path)
@@ -209,7 +216,8 @@ def _sensor(
     settings_of: SettingsOf | None,
     recorded_in: RecordedIn | None,
     problems: list[str],
-) -> SensorConfig | None:
+) -> tuple[SensorConfig, Path] | None:
+    """Return the sensor of an entry and its file; None if the entry is none."""
     if not isinstance(entry, Mapping):
         problems.append(f"{where}: {entry!r} is no entry like '- file: x.yaml'")
         return None
@@ -224,8 +232,13 @@ def _sensor(
     if len(problems) > before:
         return None
     try:
-        return load_sensor(
-            folder / values['file'],
+        file = named_in(folder, 'sensors', values['file'])
+    except ConfigError as error:
+        problems.append(f'{where}.file: {error}')
+        return None
+    try:
+        sensor = load_sensor(
+            file,
             name=values['name'],
             overrides=_overrides(entry),
             settings_of=settings_of,
@@ -234,6 +247,7 @@ def _sensor(
     except ConfigError as error:
         problems.extend(str(error).splitlines())
         return None
+    return sensor, file
 
 
 def _overrides(entry: Mapping[str, Any]) -> dict[str, Any]:

@@ -42,6 +42,37 @@ def named_file(folder: str, name: str) -> Path:
     return config_file(f'{folder}/{name}.yaml')
 
 
+def named_in(place: Path, folder: str, name: str) -> Path:
+    """
+    Return a file that a bench names: one beside it, or by its short name one of the package.
+
+    Parameters
+    ----------
+    place : Path
+        Folder of the bench.
+    folder, name : str
+        As in `named_file`; 'mpu9250' and 'config/sensors/mpu9250.yaml' are the same.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file; the text says what there is.
+
+    Examples
+    --------
+    >>> named_in(Path('/nowhere'), 'sensors', 'mpu9250').name
+    'mpu9250.yaml'
+    """
+    own = place / name
+    if own.is_file():
+        return own
+    short = name.removeprefix(f'config/{folder}/').removesuffix('.yaml')
+    if short == name or name.startswith('config/'):
+        return named_file(folder, short)
+    known = ', '.join(names_in(folder))
+    raise ConfigError(f'{own}: no such file; those of the package are, without .yaml: {known}')
+
+
 def names_in(folder: str) -> list[str]:
     """Return the short names of the files of one of the package's folders."""
     return sorted({path.stem for root in _folders() for path in (root / folder).glob('*.yaml')})

@@ -56,8 +56,6 @@ def demo(tmp_path_factory):
     # a short window, so that it has left the start of the recording behind
     bench = yaml.safe_load((BENCHES / 'machine_vibration.yaml').read_text(encoding='utf-8'))
     bench['analysis']['window_s'] = 5.0
-    for sensor in bench['sensors']:
-        sensor['file'] = str((BENCHES / sensor['file']).resolve())
     path = tmp_path_factory.mktemp('demo') / 'short_window.yaml'
     path.write_text(yaml.safe_dump(bench), encoding='utf-8')
     folder = path.parent / 'run'
