@@ -6,6 +6,8 @@ from functools import cache
 from importlib.util import find_spec
 import os
 import re
+import subprocess
+import sys
 import warnings
 import zlib
 
@@ -18,6 +20,11 @@ OPTIONAL = {
 """What only part of the tests needs and rosdep does not bring everywhere (docs/workspace.md)."""
 
 NEEDS = 'needs {}, which is not installed'
+
+SAID = re.compile(rf"(?:needs|No module named) '?(?:python-)?({'|'.join(sorted(OPTIONAL))})\b")
+"""How we and Python say that one is not there."""
+
+HOLDS_TEXT = str, tuple, subprocess.CompletedProcess
 
 IMPORTED = re.compile(r'(?m)^(?:from|import) (\w+)')
 
@@ -70,13 +77,33 @@ class NotImportable(pytest.File):
         refuse(self.reason)
 
 
-def lacking(error):
+class AskedInVain(set):
+    """The last finder of modules: keeps which optional libraries no other has found."""
+
+    def find_spec(self, name, path=None, target=None):
+        """Find nothing."""
+        self.update(OPTIONAL.intersection(name.split('.')[:1]))
+
+
+IN_VAIN = AskedInVain()
+sys.meta_path.append(IN_VAIN)
+
+
+def lacking(error, more=()):
     """Return which library an error is about that is not here; empty for other errors."""
     absent = error if isinstance(error, ModuleNotFoundError) else error.__cause__
     name = (getattr(absent, 'name', None) or '').partition('.')[0]
-    if isinstance(absent, ModuleNotFoundError) and name in OPTIONAL and missing(name):
-        return NEEDS.format(name)
-    return ''
+    names = OPTIONAL.intersection([name, *more])
+    return next((NEEDS.format(name) for name in sorted(names) if missing(name)), '')
+
+
+def said(report, traceback):
+    """Return which libraries are missed in what a failed test shows and what it holds."""
+    texts = [str(report.longrepr), *(text for _, text in report.sections)]
+    for entry in traceback:
+        held = entry.frame.f_locals.values()
+        texts.extend(str(each) for each in held if isinstance(each, HOLDS_TEXT))
+    return [name for text in texts for name in SAID.findall(text)]
 
 
 def stand_in(reason, path, parent):
@@ -102,8 +129,8 @@ def pytest_pycollect_makemodule(module_path, parent):
 def pytest_make_collect_report(collector):
     """Skip a file that needs, by way of ours, a library that is not here; in CI it fails."""
     report = yield
-    names = re.findall(r"No module named '(\w+)", str(report.longrepr)) if report.failed else ()
-    absent = [name for name in names if name in OPTIONAL and missing(name)]
+    names = SAID.findall(str(report.longrepr)) if report.failed else ()
+    absent = [name for name in names if missing(name)]
     if absent and not os.environ.get('CI'):
         report.outcome = 'skipped'
         report.longrepr = (str(collector.path), None, f'Skipped: {NEEDS.format(absent[0])}')
@@ -142,21 +169,22 @@ def pytest_runtest_setup(item):
     """Stand in for tests that start nodes."""
     if item.get_closest_marker('ros') and missing_ros():
         refuse(missing_ros())
-    return (yield from skipping())
+    IN_VAIN.clear()
+    return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_call(item):
-    """Skip a test that comes upon a library that is not here."""
-    return (yield from skipping())
-
-
-def skipping():
-    """Skip what comes upon a library that is not here; in CI it fails."""
-    try:
-        return (yield)
-    except Exception as error:
-        reason = lacking(error)
-        if reason and not os.environ.get('CI'):
-            pytest.skip(reason)
-        raise
+def pytest_runtest_makereport(item, call):
+    """Skip a test that failed where a library is not here that it asked for; in CI it fails."""
+    report = yield
+    if not report.failed or os.environ.get('CI'):
+        return report
+    error = call.excinfo.value
+    reason = getattr(error, 'lacking', '') or lacking(
+        error, IN_VAIN.union(said(report, call.excinfo.traceback))
+    )
+    if reason:
+        error.lacking = reason  # for the other tests of a fixture that failed
+        report.outcome = 'skipped'
+        report.longrepr = (str(item.path), item.location[1], f'Skipped: {reason}')
+    return report

@@ -201,40 +201,68 @@ def pytest_pycollect_makemodule(module_path, parent):
 """What launch_testing/pytest/hooks.py of ros2/launch does to each file of tests: it imports it."""
 
 
+WITHOUT_LIBRARIES = {
+    'test_whole.py': 'import allantools\n\ndef test_a(): pass\n',
+    'test_part.py': 'def test_b():\n    import lz4\n',
+    'test_command.py': """
+import subprocess, sys
+def test_c():
+    said = subprocess.run([sys.executable, '-c', 'exit("it needs bokeh: pip install bokeh")'],
+                          capture_output=True, text=True, check=False)
+    assert said.returncode == 0
+""",
+    'test_shared.py': """
+import pytest
+@pytest.fixture(scope='module')
+def made():
+    try:
+        import rosbags
+    except ImportError:
+        pass
+    assert 'rosbags' in globals()
+def test_d(made): pass
+def test_e(made): pass
+""",
+    'test_wrong.py': 'def test_f():\n    assert 1 + 1 == 3\n',
+}
+
+ABSENT = """
+import sys, pytest
+gone = 'allantools', 'bokeh', 'lz4', 'rosbags'
+finders = [finder.find_spec for finder in sys.meta_path]
+class Others:
+    def find_spec(self, name, path=None, target=None):
+        if name not in gone:
+            return next((spec for find in finders if (spec := find(name, path, target))), None)
+sys.meta_path[:] = [Others()]
+plugins = 'no:cacheprovider', 'like_launch_testing'
+sys.exit(pytest.main(['-q', '-rs', *(f'-p{name}' for name in plugins)]))
+"""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('plugin', ['', LAUNCH_TESTING], ids=['alone', 'launch_testing'])
 def test_without_a_library_its_tests_are_skipped_with_its_name_and_fail_in_ci(tmp_path, plugin):
     shutil.copy(ROOT / 'conftest.py', tmp_path)
     (tmp_path / 'like_launch_testing.py').write_text(plugin)
-    (tmp_path / 'test_whole.py').write_text('import allantools\n\ndef test_a(): pass\n')
-    (tmp_path / 'test_part.py').write_text('def test_b():\n    import lz4\n')
-    program = (
-        'import importlib.util, sys, pytest\n'
-        'gone = ("allantools", "lz4")\n'
-        'class No:\n'
-        '    def find_spec(self, name, path=None, target=None):\n'
-        '        if name in gone: raise ModuleNotFoundError(name=name)\n'
-        'real = importlib.util.find_spec\n'
-        'importlib.util.find_spec = lambda n, p=None: None if n in gone else real(n, p)\n'
-        'sys.meta_path.insert(0, No())\n'
-        'plugins = "no:cacheprovider", "like_launch_testing"\n'
-        'sys.exit(pytest.main(["-q", "-rs", *(f"-p{name}" for name in plugins)]))\n'
-    )
+    for name, text in WITHOUT_LIBRARIES.items():
+        (tmp_path / name).write_text(text)
 
     def run(**more):
         outer = 'CI', 'PYTEST_ADDOPTS'  # colcon has options of its own
         own = {key: value for key, value in os.environ.items() if key not in outer} | more
         return subprocess.run(
-            [sys.executable, '-c', program], cwd=tmp_path, env=own, capture_output=True, text=True,
+            [sys.executable, '-c', ABSENT], cwd=tmp_path, env=own, capture_output=True, text=True,
             check=False,
         )  # fmt: skip
 
     done = run()
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert '2 skipped' in done.stdout
-    assert 'needs allantools, which is not installed' in done.stdout
-    assert 'needs lz4, which is not installed' in done.stdout
-    assert run(CI='true').returncode != 0
+    assert '1 failed, 5 skipped' in done.stdout, done.stdout + done.stderr
+    for library in ('allantools', 'bokeh', 'lz4', 'rosbags'):
+        assert f'needs {library}, which is not installed' in done.stdout
+    strict = run(CI='true')
+    assert 'skipped' not in strict.stdout
+    assert strict.returncode != 0
 
 
 def test_every_placeholder_of_a_release_is_in_its_list():

@@ -18,10 +18,11 @@ def simulated(tmp_path_factory):
     def simulate(scenario, *settings):
         key = (scenario, settings)
         if key not in made:
-            made[key] = tmp_path_factory.mktemp('bench') / scenario
+            bag = tmp_path_factory.mktemp('bench') / scenario
             given = [part for setting in settings for part in ('--set', setting)]
             command = ['simulate', 'mast_inclination', '--scenario', scenario, *given]
-            assert main([*command, '-o', str(made[key])]) == 0
+            assert main([*command, '-o', str(bag)]) == 0
+            made[key] = bag
         return made[key]
 
     return simulate
