@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+import os
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -26,6 +27,14 @@ _ROOT = 'rosbag2_bagfile_information'
 _MAX_SIZE = 1 << 22
 """Bytes: an entry of one topic or file has 250 or more; read, it takes a hundred times as much."""
 _MOST = 1_000_000
+
+
+def ros_distro() -> str:
+    """Return the ROS 2 that is sourced, or of the wheels here; without any, that we write for."""
+    from importlib.metadata import Distribution
+
+    wheels = any(Distribution.discover(name='ros-kilted-rclpy'))
+    return os.environ.get('ROS_DISTRO') or ('kilted' if wheels else 'jazzy')
 
 
 @dataclass(frozen=True)

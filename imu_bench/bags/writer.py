@@ -21,7 +21,6 @@ import numpy as np
 import numpy.typing as npt
 
 STORAGES = ('mcap', 'sqlite3')
-DISTRO = 'jazzy'
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FAILURES = (OSError, sqlite3.Error)
@@ -181,7 +180,7 @@ class BagWriter:
                 self.path / (name + McapWriter.suffix), self._compression
             )
         else:
-            file = SqliteWriter(self.path / (name + SqliteWriter.suffix), DISTRO)
+            file = SqliteWriter(self.path / (name + SqliteWriter.suffix), metadata.ros_distro())
         for topic in self._topics.values():
             file.add_topic(topic)
         return file
@@ -198,7 +197,11 @@ class BagWriter:
 
     def _document(self) -> dict[str, object]:
         return metadata.document(
-            self.storage, self._files(), tuple(self._topics.values()), DISTRO, self._custom
+            self.storage,
+            self._files(),
+            tuple(self._topics.values()),
+            metadata.ros_distro(),
+            self._custom,
         )
 
     def _finish(self) -> None:

@@ -6,7 +6,9 @@ from __future__ import annotations
 from contextlib import closing
 import errno
 from functools import cache
+from importlib.metadata import distributions
 from pathlib import Path
+import re
 import resource
 import signal
 import sqlite3
@@ -150,10 +152,25 @@ def test_metadata_is_that_of_version_9(write_bag, messages, storage):
     assert bag['relative_file_paths'] == [bag['files'][0]['path']]
     assert bag['files'][0]['message_count'] == 20
     assert bag['custom_data'] == {'operator': 'me'}
-    assert bag['ros_distro'] == 'jazzy'
     topic = bag['topics_with_message_count'][0]
     assert topic['message_count'] == 10
     assert topic['topic_metadata']['offered_qos_profiles'][0]['reliability'] == 'reliable'
+
+
+@pytest.mark.parametrize('sourced', ['', 'lyrical'])
+@pytest.mark.parametrize('storage', STORAGES)
+def test_a_bag_names_the_ros_2_that_is_sourced_or_whose_wheels_are_here(
+    write_bag, messages, storage, sourced, monkeypatch
+):
+    monkeypatch.setenv('ROS_DISTRO', sourced)
+    path = write_bag(messages(20), storage)
+    bag = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    names = [each.metadata['Name'] for each in distributions()]
+    wheels = [found[1] for name in names if (found := re.match(r'ros-(\w+)-rclpy$', name or ''))]
+    assert bag['ros_distro'] == (sourced or next(iter(wheels), 'jazzy'))
+    if storage == 'sqlite3':
+        with sqlite3.connect(path / bag['relative_file_paths'][0]) as file:
+            assert file.execute('select ros_distro from schema').fetchone()[0] == bag['ros_distro']
 
 
 @pytest.mark.parametrize('storage', STORAGES)
