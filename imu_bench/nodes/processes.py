@@ -4,9 +4,9 @@ The processes of a bench: started with their logs, watched, and stopped in order
 
 What killed ones have left of Fast DDS in shared memory is removed.  A segment ``fastrtps_<16 hex
 digits>`` has a lock file ``..._el``, and a port ``fastrtps_port<n>`` one that ends in ``_el`` or
-``_sl``.  Who owns one holds a lock (flock) on its lock file for as long as he lives: exclusively,
-or shared by all who listen to a port (Fast DDS, ``RobustExclusiveLock`` and ``RobustSharedLock``
-of its shared memory transport).
+``_sl``; with Fast DDS 3, that of Kilted, they begin with ``fastdds_``.  Who owns one holds a lock
+(flock) on its lock file for as long as he lives: exclusively, or shared by all who listen to a
+port (Fast DDS, ``RobustExclusiveLock`` and ``RobustSharedLock`` of its shared memory transport).
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def _follow_the_parent() -> None:
 
 FOLDER = Path('/dev/shm')
 
-_LOCK = re.compile(r'(?P<owned>fastrtps_(?P<port>port[0-9]+|[0-9a-f]{16}))_[es]l')
+_LOCK = re.compile(r'(?P<owned>fast(?:rtps|dds)_(?P<port>port[0-9]+|[0-9a-f]{16}))_[es]l')
 
 YOUNG_S = 5.0
 """A lock file is there a moment before it is locked: one that is younger is left alone."""
@@ -139,7 +139,7 @@ def remove_leftovers(folder: Path = FOLDER) -> list[str]:
         return []
     used: str | None = None
     removed = []
-    for lock in sorted(folder.glob('fastrtps_*_[es]l')):
+    for lock in sorted(folder.glob('fast*_*_[es]l')):
         match = _LOCK.fullmatch(lock.name)
         if match is None:
             continue
@@ -166,5 +166,5 @@ def _mapped() -> str:
             text = maps.read_text(encoding='utf-8', errors='replace')
         except OSError:  # it has ended, or is of another user
             continue
-        lines += [line for line in text.splitlines() if 'fastrtps_' in line]
+        lines += [line for line in text.splitlines() if 'fastrtps_' in line or 'fastdds_' in line]
     return '\n'.join(lines)

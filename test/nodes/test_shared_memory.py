@@ -31,7 +31,7 @@ def owned(process):
     """Return the segments of a process: those whose lock files it has locked."""
     locks = LOCK.findall(Path('/proc/locks').read_text())
     inodes = {int(inode) for owner, inode in locks if int(owner) == process.pid}
-    files = processes.FOLDER.glob('fastrtps_*_el')
+    files = processes.FOLDER.glob('fast*_*_el')
     names = {path.name.removesuffix('_el') for path in files if path.stat().st_ino in inodes}
     return {name for name in names if 'port' not in name}
 
@@ -86,13 +86,19 @@ def test_a_killed_publisher_leaves_nothing_and_a_living_one_keeps_everything(pub
     assert living.poll() is None
 
 
+@pytest.fixture(params=['fastrtps', 'fastdds'])
+def prefix(request):
+    """Return what names begin with under Fast DDS 2 (Jazzy) and 3 (Kilted)."""
+    return request.param
+
+
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path, prefix):
     """Return a folder with a segment, a port, and what looks like neither; all of them old."""
     names = [
-        'fastrtps_0123456789abcdef', 'fastrtps_0123456789abcdef_el',
-        'fastrtps_port7412', 'fastrtps_port7412_sl', 'sem.fastrtps_port7412_mutex',
-        'fastrtps_port7000', 'fastrtps_mine_el', 'my_segment_el',
+        f'{prefix}_0123456789abcdef', f'{prefix}_0123456789abcdef_el',
+        f'{prefix}_port7412', f'{prefix}_port7412_sl', f'sem.{prefix}_port7412_mutex',
+        f'{prefix}_port7000', f'{prefix}_mine_el', 'my_segment_el',
     ]  # fmt: skip
     for name in names:
         (tmp_path / name).write_bytes(b'')
@@ -100,38 +106,38 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_a_segment_and_a_port_go_with_all_that_belongs_to_them(folder):
+def test_a_segment_and_a_port_go_with_all_that_belongs_to_them(folder, prefix):
     removed = processes.remove_leftovers(folder)
-    assert sorted(removed) == ['fastrtps_0123456789abcdef', 'fastrtps_port7412']
+    assert sorted(removed) == [f'{prefix}_0123456789abcdef', f'{prefix}_port7412']
     assert sorted(path.name for path in folder.iterdir()) == [
-        'fastrtps_mine_el',
-        'fastrtps_port7000',
+        f'{prefix}_mine_el',
+        f'{prefix}_port7000',
         'my_segment_el',
     ]
 
 
 @pytest.mark.parametrize('how', [fcntl.LOCK_EX, fcntl.LOCK_SH])
-def test_what_is_locked_stays(folder, how):
-    with (folder / 'fastrtps_port7412_sl').open('rb') as file:
+def test_what_is_locked_stays(folder, prefix, how):
+    with (folder / f'{prefix}_port7412_sl').open('rb') as file:
         fcntl.flock(file, how)
-        assert processes.remove_leftovers(folder) == ['fastrtps_0123456789abcdef']
-    assert (folder / 'sem.fastrtps_port7412_mutex').exists()
+        assert processes.remove_leftovers(folder) == [f'{prefix}_0123456789abcdef']
+    assert (folder / f'sem.{prefix}_port7412_mutex').exists()
 
 
-def test_what_is_mapped_stays(folder):
+def test_what_is_mapped_stays(folder, prefix):
     import mmap
 
-    (folder / 'fastrtps_port7412').write_bytes(bytes(mmap.PAGESIZE))
+    (folder / f'{prefix}_port7412').write_bytes(bytes(mmap.PAGESIZE))
     with (
-        (folder / 'fastrtps_port7412').open('r+b') as file,
+        (folder / f'{prefix}_port7412').open('r+b') as file,
         mmap.mmap(file.fileno(), mmap.PAGESIZE),
     ):
-        assert processes.remove_leftovers(folder) == ['fastrtps_0123456789abcdef']
+        assert processes.remove_leftovers(folder) == [f'{prefix}_0123456789abcdef']
 
 
-def test_what_is_young_may_not_be_locked_yet(folder):
-    os.utime(folder / 'fastrtps_port7412_sl')
-    assert processes.remove_leftovers(folder) == ['fastrtps_0123456789abcdef']
+def test_what_is_young_may_not_be_locked_yet(folder, prefix):
+    os.utime(folder / f'{prefix}_port7412_sl')
+    assert processes.remove_leftovers(folder) == [f'{prefix}_0123456789abcdef']
 
 
 def test_where_there_is_no_such_folder_there_is_nothing_to_do(tmp_path):
