@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two hosts on a cable: network namespaces, each with a /dev/shm of its own."""
+"""Two hosts on a cable: network namespaces, each with a /dev/shm and an identity of its own."""
 
 import os
 from pathlib import Path
@@ -7,6 +7,9 @@ import subprocess
 
 HOME, AWAY = '10.77.0.1', '10.77.0.2'
 """Addresses of the bench and of the visitor."""
+
+IDENTITY = Path('/etc/machine-id')
+"""By what Fast DDS 3 tells hosts apart (``Host::compute_machine_id``): equal ones share memory."""
 
 
 class Hosts:
@@ -34,6 +37,10 @@ class Hosts:
                 for each in ('lo', link):
                     self._do(pid, 'ip', 'link', 'set', each, 'up')
                 self._do(pid, 'mount', '-t', 'tmpfs', 'none', '/dev/shm')
+                if IDENTITY.exists():
+                    own = '/dev/shm/machine-id'
+                    made = f'tr -d - </proc/sys/kernel/random/uuid >{own}'
+                    self._do(pid, 'sh', '-c', f'{made} && mount --bind {own} {IDENTITY}')
         except BaseException:
             self.close()
             raise
