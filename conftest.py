@@ -14,8 +14,9 @@ import zlib
 import pytest
 
 OPTIONAL = {
-    'allantools', 'backports', 'bokeh', 'colcon_core', 'cyclonedds', 'distributed', 'lz4',
-    'matplotlib', 'mcap', 'mcap_ros2', 'pandas', 'periphery', 'pypdfium2', 'rosbags', 'xarray',
+    'allantools', 'backports', 'bokeh', 'colcon_core', 'cyclonedds', 'daqhats', 'distributed',
+    'gi', 'grimp', 'importlinter', 'lz4', 'matplotlib', 'mcap', 'mcap_ros2', 'pandas', 'periphery',
+    'pypdfium2', 'rosbags', 'sphinx', 'xarray', 'xdist',
 }  # fmt: skip
 """What only part of the tests needs and rosdep does not bring everywhere (docs/workspace.md)."""
 

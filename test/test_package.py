@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What colcon, rosdep and pip read about the package agrees."""
 
+import ast
 import os
 from pathlib import Path
 import re
@@ -14,6 +15,7 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
+FOLDERS = 'imu_bench', 'msg_conversions', 'test', 'benchmarks', 'launch'
 LICENCE = '# SPDX-License-Identifier: Apache-2.0'
 
 
@@ -101,8 +103,7 @@ def test_every_distribution_that_run_offers_has_its_wheels():
 
 
 def test_every_source_file_names_its_licence():
-    folders = ('imu_bench', 'msg_conversions', 'test', 'benchmarks', 'launch')
-    files = [path for folder in folders for path in (ROOT / folder).rglob('*.py')]
+    files = [path for folder in FOLDERS for path in (ROOT / folder).rglob('*.py')]
     assert files
     missing = [
         path.relative_to(ROOT)
@@ -181,6 +182,31 @@ def test_who_needs_an_optional_package_is_told_in_one_line(with_the_keys_alone, 
     said = 'imu-bench: error: a page with figures needs bokeh: pip install bokeh\n'
     assert done.stderr.endswith(said)
     assert 'Traceback' not in done.stderr
+
+
+def imports(path):
+    """Yield the top names of the modules that a file imports, at whatever place in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition('.')[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield node.module.partition('.')[0]
+
+
+def test_what_the_manifest_does_not_name_is_known_to_be_optional():
+    files = [each for name in FOLDERS for each in (ROOT / name).rglob('*.py')]
+    imported = {module for path in files for module in imports(path)}
+    index = rosdep()
+    declared = {index['pip'][key].lower() for key in named_in_manifest() if key in index['pip']}
+    declared |= set(index['ros']) | {'yaml', 'serial'}
+    declared |= {'_pytest', 'markupsafe', 'rosidl_generator_py'}  # of pytest, Jinja2 and rclpy
+    ours = {*FOLDERS, *(path.stem for path in files)}
+    conftest = ast.parse((ROOT / 'conftest.py').read_text(encoding='utf-8')).body
+    (optional,) = (
+        ast.literal_eval(node.value) for node in conftest
+        if isinstance(node, ast.Assign) and node.targets[0].id == 'OPTIONAL'
+    )  # fmt: skip
+    assert imported - declared - ours - sys.stdlib_module_names - optional == set()
 
 
 def test_no_two_test_files_share_a_name():
