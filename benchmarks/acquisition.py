@@ -276,7 +276,7 @@ def run(acquisition: Acquisition, start_ns: int, seconds: float) -> None:
 
 def main() -> int:
     bench = Benchmark(__doc__)
-    bench.add_size('--minutes', 10.0, quick=0.05, help='bench time')
+    bench.add_size('--minutes', 10.0, quick=0.02, help='bench time')
     bench.add_size('--tape', 60.0, quick=2.0, help='seconds that are played back')
     options = bench.start()
     rows = with_drivers(60.0 * options.minutes)

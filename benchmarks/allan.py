@@ -108,7 +108,7 @@ def accuracy(data: FloatArray, tau: FloatArray) -> tuple[float, float]:
 
 def main() -> int:
     bench = Benchmark(__doc__)
-    bench.add_size('--samples', 10_000_000, quick=1_000_000, help='length of the record')
+    bench.add_size('--samples', 10_000_000, quick=200_000, help='length of the record')
     samples = bench.start().samples
     data = np.random.default_rng(0).normal(size=samples) + 9.81
     tau = allan.averaging_factors(samples) / RATE

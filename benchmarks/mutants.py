@@ -243,7 +243,7 @@ def main() -> int:
     bench.add_argument('--chip', action='append', choices=drivers.names(), help='only these')
     bench.add_argument('--oracles', action='store_true', help='ask the second sources alone')
     bench.add_argument('--part', type=_part, default=(1, 1), help='which of how many, as 2/5')
-    bench.add_size('--most', 10_000, quick=2, help='changes of each chip that are tried')
+    bench.add_size('--most', 10_000, quick=1, help='changes of each chip that are tried')
     options = bench.start()
     bench.head(f'{"chip":10}', 'changes', 'sources', 'tests', 'survive', 'CPU s')
     found: dict[str, Findings] = {}

@@ -149,7 +149,7 @@ def drift(samples: int) -> float:
 
 def main() -> int:
     bench = Benchmark(__doc__)
-    bench.add_size('--samples', 100_000_000, quick=1_000_000, help='of the long stream')
+    bench.add_size('--samples', 100_000_000, quick=200_000, help='of the long stream')
     bench.add_size('--window', 600.0, quick=60.0, help='seconds of the longest window')
     options = bench.start()
     noise = np.random.default_rng(1).normal([0, 0, 9.81, 0, 0, 0], 1.0, (100_000, 6))
