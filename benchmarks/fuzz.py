@@ -164,6 +164,7 @@ def _run(folder: Path, arguments: list[str]) -> None:
         os.chdir(folder / 'cwd')
         os.environ['HOME'] = os.environ['TMPDIR'] = str(folder / 'tmp')
         tempfile.tempdir = None
+        sys.dont_write_bytecode = True  # where it was imported for the first time
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
         resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, _ADDRESSES))
         sys.addaudithook(_watch(folder))
