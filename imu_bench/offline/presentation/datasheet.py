@@ -44,8 +44,8 @@ class Sheet:
         The sensor.
     banner : tuple of str
         That the data are simulated, if they are.
-    health : str
-        One sentence.
+    health, severity : str
+        One sentence, and how bad it is.
     tables : tuple of Table
         One per quantity, then rate and range.
     figures : tuple of Figure
@@ -57,6 +57,7 @@ class Sheet:
     title: str
     banner: tuple[str, ...]
     health: str
+    severity: str
     tables: tuple[Table, ...]
     figures: tuple[Figure, ...]
     provenance: tuple[tuple[str, str], ...]
@@ -80,6 +81,7 @@ def sheet(
         f'{label}: measured datasheet',
         tuple(sentences.of_simulation([recording.simulated])),
         _health(recording),
+        recording.health.severity,
         tuple(_table(recording, quantity, verdicts) for quantity in quantities),
         tuple(
             datasheet_curve(recording.of(quantity.name), quantity.title)

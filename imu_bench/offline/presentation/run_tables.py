@@ -108,7 +108,7 @@ def row(line: Change, units: Mapping[tuple[str, str], str]) -> dict[str, str | S
     return cells | {
         'axis': line.axis or 'sensor',
         'parameter': _TITLES[line.parameter],
-        'change': cells['difference' if shown[3] == '–' else 'ratio'],
+        'change': cells['difference'] if shown[3] == '–' else Shown(f'× {shown[3]}'),
         'verdict': Shown(line.verdict, kind=f'verdict-{line.verdict}'),
     }
 
@@ -174,11 +174,11 @@ def _largest(lines: Sequence[Change]) -> Change | None:
 
 
 def _signed(difference: Estimate, unit: str) -> str:
-    """Return a difference with its sign, and the half width of its interval."""
+    """Return a difference with its sign, the half width of its interval, and the unit."""
     if difference.value is None:
         return '–'
     factor = convert(1.0, difference.unit, unit)
     sign = '+' if difference.value > 0.0 else ''
     if difference.low is None or difference.high is None:
-        return f'{sign}{number(difference.value * factor, 3)}'
-    return f'{sign}{value_text(difference.scaled(factor, unit))}'
+        return f'{sign}{number(difference.value * factor, 3)} {unit}'
+    return f'{sign}{text(difference.scaled(factor, unit))}'
