@@ -214,8 +214,10 @@ def show_plan(result: PlanResult, out: Console | None = None, *, full: bool = Fa
             if not put(out, one):
                 stack(out, one)
         else:
-            _narrowed(out, replace(one, rows=one.rows[:_FEW_ROWS]))
-            if (more := len(one.rows) - _FEW_ROWS) > 0:
+            # that one row is left out takes a row to say
+            shown = len(one.rows) if len(one.rows) == _FEW_ROWS + 1 else _FEW_ROWS
+            _narrowed(out, replace(one, rows=one.rows[:shown]))
+            if (more := len(one.rows) - shown) > 0:
                 out.print(Text(f'  and {count(more, "row")} more: --full', style='dim'))
         if one.note and full:
             out.print(Padding(Text(clean(one.note), style='dim'), (0, 0, 0, 2)))
