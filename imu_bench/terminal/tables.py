@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from imu_bench.counting import clean
 from imu_bench.offline.analysis.results import Analysis, RecordingResult
 from imu_bench.offline.comparing.sensors import Comparison
-from imu_bench.offline.health import Finding, SEVERITIES
+from imu_bench.offline.health import Finding, ranked, SEVERITIES
 from imu_bench.offline.notation import count, duration, rate_text
 from imu_bench.offline.plans.result import PlanResult
 from imu_bench.offline.presentation.axis_tables import (
@@ -222,7 +222,7 @@ def show_plan(result: PlanResult, out: Console | None = None, *, full: bool = Fa
         if one.note and full:
             out.print(Padding(Text(clean(one.note), style='dim'), (0, 0, 0, 2)))
     out.print()
-    for found in result.findings:
+    for found in ranked(result.findings):
         out.print(finding(found))
     for sentence in result.summary:
         out.print(Text(clean(sentence)))

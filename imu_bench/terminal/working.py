@@ -159,6 +159,8 @@ def run_test_plan(
     with team(jobs) as workers, Bar() as bar:
         job = Job(paths, order, workers, bar.phase, lambda found: complain(found.error))
         result = replace(offline.run_plan(plan, job), form=test.form)
+    if test.title not in ('', result.title):
+        result = replace(result, title=f'{result.title}: {test.title}')
     write(result, folder / 'results.json')
     write_plan(result, folder / 'report.html')
     return result

@@ -16,7 +16,7 @@ from imu_bench.offline import exports
 from imu_bench.offline.analysis.results import Analysis, RecordingResult
 from imu_bench.offline.comparing.runs import distinct, RunComparison
 from imu_bench.offline.comparing.sensors import compare
-from imu_bench.offline.health import worst
+from imu_bench.offline.health import ranked, worst
 from imu_bench.offline.notation import bare, count, date, percent
 from imu_bench.offline.plans import recorded
 from imu_bench.offline.plans.result import PlanResult
@@ -245,7 +245,7 @@ def render_plan(result: PlanResult) -> str:
         version=__version__,
         result=result,
         banner=sentences.of_simulation([result.simulated]),
-        findings=[found for found in result.findings if found.code != SIMULATED],  # the banner's
+        findings=ranked([f for f in result.findings if f.code != SIMULATED]),  # the banner says it
         taken=recorded.sentence(result.recorded),
         streams=recorded.table(result.recorded),
         sources=result.sources[:_NAMED_SOURCES],
