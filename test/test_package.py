@@ -193,6 +193,7 @@ def imports(path):
             yield node.module.partition('.')[0]
 
 
+@pytest.mark.slow
 def test_what_the_manifest_does_not_name_is_known_to_be_optional():
     files = [each for name in FOLDERS for each in (ROOT / name).rglob('*.py')]
     imported = {module for path in files for module in imports(path)}

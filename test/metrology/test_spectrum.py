@@ -77,6 +77,7 @@ def test_the_density_holds_the_variance():
     assert s.density.sum() * s.resolution == pytest.approx(x.var(), rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_median_ignores_a_transient():
     x = np.random.default_rng(4).normal(size=200_000)
     x[50_000:52_000] += 300.0 * np.random.default_rng(5).normal(size=2000)
@@ -162,6 +163,7 @@ def test_noise_alone_has_no_tones():
     assert found <= 8  # 2 expected of 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('average', ['mean', 'median'])
 @pytest.mark.parametrize('amplitude', [0.1, 1.0, 100.0])
 def test_intervals_of_a_tone_cover(amplitude, average):

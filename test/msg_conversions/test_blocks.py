@@ -48,6 +48,7 @@ def test_a_block_comes_back_as_it_was(publisher, parts):
     same(blocks.decode(blocks.encode(publisher, parts)), publisher, parts)
 
 
+@pytest.mark.slow
 @given(NUMBERS, PARTS)
 @settings(max_examples=50)
 def test_rosbags_reads_and_writes_the_same_message(publisher, parts):

@@ -306,6 +306,7 @@ def test_what_scripted_faults_took_is_told_apart(tmp_path):
     assert losses(recording) == {'lost_to_faults': 590, 'lost_in_sensor': 10}
 
 
+@pytest.mark.slow
 def test_the_recorder_of_another_bag_is_not_believed(whole, tmp_path):
     bag = whole.without([]).recorder(bag='other', **{f'missed.{TOPIC}': 99})
     assert losses(read(bag.write(tmp_path / 'bag'))) == {}

@@ -69,6 +69,7 @@ def test_exports_say_it(made, analysed):
         assert WARNING not in text, to
 
 
+@pytest.mark.slow
 def test_the_table_says_it_in_a_column(made, analysed):
     for name, said in (('bag', 'true'), ('bare', 'false')):
         lines = imu_bench('export', made / f'{name}.json', '--to', 'csv').splitlines()
@@ -76,6 +77,7 @@ def test_the_table_says_it_in_a_column(made, analysed):
         assert {line.rpartition(',')[2] for line in lines[1:]} == {said}
 
 
+@pytest.mark.slow
 def test_comparisons_say_it(made, analysed):
     page = made / 'runs.html'
     imu_bench('compare', made / 'bag.json', made / 'bare.json', '--html', page)

@@ -103,6 +103,7 @@ def test_spurious_response_is_the_rise_over_the_quiet_zone(campaign):
     assert row['SR yx'].value == pytest.approx(wanted, abs=0.5)
 
 
+@pytest.mark.slow
 def test_aliasing_comes_out_as_injected(campaign):
     """0.01 g²/Hz from 200 to 2000 Hz behind 50 Hz, first order: 0.110 g² folds, 6.57 dB."""
     folded = 0.01 * 50.0 * (np.arctan(2000 / 50) - np.arctan(200 / 50))
@@ -116,6 +117,7 @@ def test_aliasing_comes_out_as_injected(campaign):
     assert loss.low < loss.value < loss.high
 
 
+@pytest.mark.slow
 def test_before_and_after_are_compatible(campaign):
     rows = table(campaign, 'Before and after the vibration')
     assert len(rows) == 18
@@ -124,6 +126,7 @@ def test_before_and_after_are_compatible(campaign):
     assert not [f for f in campaign.findings if f.severity != 'info']
 
 
+@pytest.mark.slow
 def test_every_table_of_the_document_and_its_figures(campaign):
     titles = ' '.join(t.title for t in campaign.tables)
     own = 'Capriglione 2021'
@@ -137,6 +140,7 @@ def test_every_table_of_the_document_and_its_figures(campaign):
     assert len(campaign.values['runs']) == 12
 
 
+@pytest.mark.slow
 def test_bars_of_a_gyroscope_that_are_alike_are_explained(campaign):
     notes = {t.title: t.note for t in campaign.tables if 'rejection ratio' in t.title}
     [gyroscope] = [note for title, note in notes.items() if title.startswith('Gyroscope')]
