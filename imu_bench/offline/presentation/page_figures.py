@@ -173,18 +173,21 @@ def _histogram(chart: _Chart, figure: Figure, series: Series, colour: str, place
 
 
 def _marks(chart: _Chart, figure: Figure, series: Series, colour: str, place: _Place) -> None:
-    # beside the mark, on the side where the figure has room and the falling curve is not
+    # beside the mark, on the side where the figure has room; where a falling curve is, below it
     first, last = (min(s.x[0] for s in figure.series), max(s.x[-1] for s in figure.series))
     right = series.x > first ** (1.0 - _TURN) * last**_TURN
+    below = right & np.array([words.startswith('N') for words in series.words])
     source = columns(
         x=series.x, y=series.y, words=list(series.words),
         align=['right' if turned else 'left' for turned in right],
-        beside=np.where(right, 4.0, 7.0),
+        beside=np.where(below, -6.0, np.where(right, 4.0, 7.0)),
+        below=np.where(below, 18.0, -6.0),
     )  # fmt: skip
     mark = _dots('inverted_triangle', 8, colour)
     words = glyph(
-        'Text', _AT | {'text': 'words', 'text_align': 'align', 'x_offset': 'beside'},
-        text_font_size='11px', text_color=INK, y_offset=-6,
+        'Text',
+        _AT | {'text': 'words', 'text_align': 'align', 'x_offset': 'beside', 'y_offset': 'below'},
+        text_font_size='11px', text_color=INK,
     )  # fmt: skip
     chart.hover([chart.draw(mark, source, series.label)], [(series.name, '@words')])
     chart.draw(words, source)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 from pathlib import Path
 import textwrap
 from typing import Any
@@ -148,13 +149,16 @@ class _Flow:
 
 
 def _name_marks(ax: Axes, figure: Figure, colours: Sequence[str]) -> None:
-    """Draw what stands above points of a curve: N right of it, the others towards the middle."""
+    """Draw the words of marks: N right of the falling curve, or below it; others to the left."""
+    middle = math.sqrt(math.prod(ax.get_xlim()))
     for series, colour in zip(figure.series, colours, strict=True):
         if series.kind != 'marks':
             continue
         ax.plot(series.x, series.y, linestyle='none', marker='v', color=colour, markersize=4)
         for at, (x, y, said) in enumerate(zip(series.x, series.y, series.words, strict=True)):
+            turned = not at and x > middle
+            place = (-4, -10) if turned else (4, 12) if at % 2 else (4, 5)
             ax.annotate(
-                said, (x, y), xytext=(4, 12) if at % 2 else (4, 5), textcoords='offset points',
-                size=_SMALL - 1.0, ha='right' if at else 'left', color=INK,
+                said, (x, y), xytext=place, textcoords='offset points', size=_SMALL - 1.0,
+                ha='right' if at or turned else 'left', color=INK,
             )  # fmt: skip
