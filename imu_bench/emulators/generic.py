@@ -7,10 +7,9 @@ from collections.abc import Iterable
 
 from imu_bench.drivers.driver import Driver
 from imu_bench.emulators.ahead import rows_of, Source, Stateful
-from imu_bench.emulators.fifo_chip import FifoChip
+from imu_bench.emulators.fifo_chip import FifoChip, SlotFifo
 from imu_bench.emulators.low_pass import LowPass
 from imu_bench.emulators.register_map import EmulatedBus, EmulatedChip
-from imu_bench.emulators.slot_fifo import SlotFifo
 from imu_bench.emulators.socket import Socket
 from imu_bench.errors import ConfigError
 from imu_bench.registers import Field, Fifo, Frame, Register, Write

@@ -13,14 +13,11 @@ from collections.abc import Iterable
 
 from imu_bench.drivers.lsm303dlhc import Lsm303dlhc, MAG, SLOTS, TURN_ON
 from imu_bench.emulators.ahead import Source, Stateful
-from imu_bench.emulators.fifo_chip import FifoChip
+from imu_bench.emulators.fifo_chip import FifoChip, SlotFifo
 from imu_bench.emulators.low_pass import LowPass
-from imu_bench.emulators.output_registers import OutputRegisters
 from imu_bench.emulators.register_map import EmulatedBus, numbers, or_zero
-from imu_bench.emulators.second_die import SecondDie, Surroundings
-from imu_bench.emulators.slot_fifo import SlotFifo
+from imu_bench.emulators.second_die import OutputRegisters, SecondDie, Surroundings, TurnOn
 from imu_bench.emulators.socket import Socket
-from imu_bench.emulators.turn_on import TurnOn
 from imu_bench.registers import Register
 from imu_bench.samples import Samples
 import numpy as np

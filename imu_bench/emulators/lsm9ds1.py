@@ -12,14 +12,11 @@ from collections.abc import Iterable
 
 from imu_bench.drivers.lsm9ds1 import LOW_PASS_2, Lsm9ds1, MAG, SLOTS, TURN_ON
 from imu_bench.emulators.ahead import Source, Stateful
-from imu_bench.emulators.fifo_chip import FifoChip
+from imu_bench.emulators.fifo_chip import FifoChip, SlotFifo
 from imu_bench.emulators.low_pass import LowPass
-from imu_bench.emulators.output_registers import OutputRegisters
 from imu_bench.emulators.register_map import EmulatedBus, numbers, or_zero
-from imu_bench.emulators.second_die import SecondDie, Surroundings
-from imu_bench.emulators.slot_fifo import SlotFifo
+from imu_bench.emulators.second_die import OutputRegisters, SecondDie, Surroundings, TurnOn
 from imu_bench.emulators.socket import Socket
-from imu_bench.emulators.turn_on import TurnOn
 from imu_bench.registers import Frame, Register
 from imu_bench.samples import Samples
 import numpy as np
