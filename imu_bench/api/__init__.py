@@ -121,6 +121,7 @@ def simulate(
     scenario : str
         One of config/scenarios, or a YAML file.
     duration_s : float
+        How long it lasts, in s.
     seed : int
         Another run of the same sensors.
 
@@ -170,6 +171,7 @@ def export(found: Result | Paths, to: str, topic: str = '', *, conservative: boo
     Parameters
     ----------
     found : Result or path
+        What is exported, or where its JSON lies.
     to : str
         One of `imu_bench.offline.exports.FORMATS`.
     topic : str

@@ -103,9 +103,11 @@ class Axis:
     noise_density : Estimate
         One-sided, in unit/√Hz.
     mean, std, rms, rms_total, minimum, maximum, peak_to_peak, three_sigma : Estimate
+        Statistics, in the unit of the axis.
     oadev : DeviationCurve or None
         Overlapping Allan deviation with its interval; None for an axis without any noise.
     psd : Density or None
+        Power spectral density; None if there is none.
     """
 
     def __init__(self, result: AxisResult) -> None:
@@ -238,10 +240,7 @@ class Result:
     """
     What `analyze` found: its sensors by topic, label or place.
 
-    Parameters
-    ----------
-    analysis : Analysis
-        With the settings, the failures and the comparison of the sensors.
+    Its `analysis` has the settings, the failures and the comparison of the sensors as well.
     """
 
     def __init__(self, analysis: Analysis) -> None:
@@ -290,6 +289,7 @@ class Result:
         Parameters
         ----------
         kind : {'allan', 'spectrum', 'time', 'histogram'}
+            Which figure.
 
         Raises
         ------

@@ -39,6 +39,7 @@ class BagWriter:
     path : Path
         Folder of the bag; must not exist.
     storage : {'mcap', 'sqlite3'}
+        Format of the storage files.
     compression : str
         Of the chunks of mcap: 'zstd' or '' for none.
     max_bytes : int

@@ -128,6 +128,7 @@ def load_bench(
     Parameters
     ----------
     path : str or Path
+        The file of the bench.
     settings_of, recorded_in : callable, optional
         As in `imu_bench.config.load_sensor`.
 

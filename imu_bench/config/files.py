@@ -55,6 +55,7 @@ def load(text: str | bytes, loader: Any = yaml.SafeLoader, most: int = _MOST) ->
     Parameters
     ----------
     text : str or bytes
+        YAML.
     loader : type, optional
         Of PyYAML.
     most : int, optional

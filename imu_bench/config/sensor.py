@@ -181,6 +181,7 @@ def load_sensor(
     Parameters
     ----------
     path : str or Path
+        The file of the sensor.
     name : str
         Name of the sensor; the file's by default.
     overrides : mapping, optional

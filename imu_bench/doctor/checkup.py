@@ -92,6 +92,7 @@ def examine(
     Parameters
     ----------
     config : BenchConfig, optional
+        A bench; without one the machine alone is examined.
     i2c_hz : float
         Clock of every I²C bus; 0 to find it out.
     probe : bool

@@ -330,7 +330,9 @@ def wrap(
     buses : mapping of str to bus
         As `imu_bench.emulators.create` makes them.
     driver : type of Driver
+        Whose identity, resets and start-up time are those of the chip.
     faults : iterable of Fault
+        The script.
     seed : int
         Of the noise of 'garbage'.
     start_ns : int, optional

@@ -36,6 +36,7 @@ class Microcontroller(StreamDevice):
     Parameters
     ----------
     source : Source
+        What its sensor measures.
     start_ns : int
         Power-up.
     values : mapping

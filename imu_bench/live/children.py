@@ -50,6 +50,7 @@ class Forked:
     Parameters
     ----------
     pid : int
+        Its process id.
     """
 
     def __init__(self, pid: int) -> None:

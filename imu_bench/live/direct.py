@@ -97,7 +97,9 @@ class DirectRecording:
     bag : Path
         Folder of the bag; must not exist.
     sensors : sequence of SensorConfig
+        Whose samples are recorded.
     storage : {'mcap', 'sqlite3'}
+        Format of the storage files.
     said : callable, optional
         Called once a second, from a thread, with the statuses.
 

@@ -221,6 +221,7 @@ class ReadingProcess:
         Parameters
         ----------
         count : int
+            How many there are to be, this one included.
         sensors : sequence of SensorConfig
             What they are going to read.
 

@@ -109,6 +109,7 @@ class BenchMonitor:
         at_s : float
             Unix time, s.
         names : iterable of str
+            Of the sensors.
 
         Raises
         ------

@@ -29,6 +29,7 @@ class Judgement:
     Parameters
     ----------
     sensors : mapping of str to SensorView
+        By the name of the sensor.
     recorder : RecorderView
         What both said to their last.
     showing : Showing

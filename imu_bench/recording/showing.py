@@ -50,6 +50,7 @@ class Showing:
     Parameters
     ----------
     rows : sequence of Row
+        One for each sensor or topic.
     duration_s : float or None
         How long it is recorded once everything is up; None for as long as nobody ends it.
     settled : callable

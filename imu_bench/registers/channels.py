@@ -214,6 +214,7 @@ class Vector(Channel):
         words : ndarray, shape (n, 3)
             In the order of the registers.
         range_ : value of `scaled_by`
+            The full scale that is set.
         trim : float or array of shape (3,)
             The chip's own sensitivity correction, in the order of the registers.
         """

@@ -154,10 +154,13 @@ def write_bag(
     path : Path
         Folder of the bag; must not exist.
     sensors : sequence of SimulatedSensor
+        Whose samples are written.
     storage : {'mcap', 'sqlite3'}
+        Format of the storage files.
     run : int
         For the truth.
     progress : callable, optional
+        Called with the seconds that are written, and with all.
 
     Returns
     -------

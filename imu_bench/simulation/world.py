@@ -161,6 +161,7 @@ def sensor_source(
     Parameters
     ----------
     typical : mapping of str to Typical
+        By quantity, as the driver is set.
     quantities : tuple of str
         Those wanted; a chip whose dies sample at different rates has a source for each.
     scenario : Scenario, optional

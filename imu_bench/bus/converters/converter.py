@@ -30,6 +30,7 @@ class Converter(ABC):
     Parameters
     ----------
     wire : RegisterBus, FrameBus or DaqBoard
+        How the converter is reached.
     counters : Counter
         Counts 'bus_errors' and what the converter has of its own.
     rate_hz : float

@@ -225,6 +225,7 @@ class SampleCounter:
     Parameters
     ----------
     rate_hz : float
+        Nominal sample rate in Hz.
 
     Examples
     --------

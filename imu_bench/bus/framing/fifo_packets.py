@@ -60,6 +60,7 @@ def unpack(data: bytes, bits: int) -> np.ndarray:
     data : bytes
         Whole packets.
     bits : {16, 20}
+        Length of the words.
 
     Raises
     ------

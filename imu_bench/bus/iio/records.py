@@ -68,6 +68,7 @@ class Element:
         Parameters
         ----------
         data : ndarray of uint8, shape (n, size)
+            A record in each row.
 
         Examples
         --------

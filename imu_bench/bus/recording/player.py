@@ -32,6 +32,7 @@ class Player:
     Parameters
     ----------
     path : str or Path
+        The wire recording.
     pace : Clock
         Waits; a simulated one plays as fast as possible.
 

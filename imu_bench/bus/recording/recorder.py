@@ -122,6 +122,7 @@ class Recorder:
     path : str or Path
         New file; it gets a number if there is one of that name.
     buses : mapping of part name to bus
+        What is recorded.
     settings : mapping
         All of the driver's own.
     label : str

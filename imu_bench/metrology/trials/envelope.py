@@ -241,7 +241,9 @@ class Fault:
     Attributes
     ----------
     name : str
+        What is damaged.
     expected_hz : float
+        Frequency of its impacts, in Hz.
     seen : bool
         Whether its lines are more than chance puts there.
     frequency, depth : Estimate
