@@ -35,6 +35,8 @@ def run_demo(folder, faults, *arguments):
 
 
 def test_each_fault_is_told_live_recovered_from_and_in_the_report(tmp_path):
+    import rosbags  # noqa: F401, without it nothing is recorded
+
     result = run_demo(tmp_path, FAULTS)
     # a machine that is too busy to empty a FIFO in time loses more, and the demo says so
     complaint = 'imu-bench: error: ' in result.stderr
@@ -68,6 +70,8 @@ def test_each_fault_is_told_live_recovered_from_and_in_the_report(tmp_path):
 
 
 def test_a_fault_that_was_not_played_is_no_success(tmp_path):
+    import rosbags  # noqa: F401, without it nothing is recorded
+
     result = run_demo(tmp_path, {'scl3300': ['unplugged 3000 1']}, '--duration', '2')
     assert result.returncode == 1
     assert 'was not played; give a longer --duration' in result.stdout

@@ -14,6 +14,7 @@ from imu_bench.bags import metadata
 from imu_bench.offline.recordings.loading import load
 from imu_bench.offline.recordings.opening import open_source
 import pytest
+import rosbags  # noqa: F401, without it nothing is recorded
 import yaml
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -17,6 +17,7 @@ from imu_bench.nodes.others import MOST_BESIDE
 from imu_bench.offline.recordings.loading import load
 from imu_bench.offline.recordings.opening import open_source
 import pytest
+import rosbags  # noqa: F401, without it nothing is recorded
 import yaml
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

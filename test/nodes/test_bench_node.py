@@ -58,6 +58,7 @@ def test_a_recorder_counts_and_an_analysis_does_not(ros):
 def test_a_bench_in_a_namespace_is_recorded_and_analysed_there(ros, start, tmp_path):
     from imu_bench.nodes.analysis import AnalysisNode
     from imu_bench.nodes.recorder import RecorderNode
+    import rosbags  # noqa: F401, without it the recorder ends
 
     file = tmp_path / 'left.yaml'
     file.write_text(

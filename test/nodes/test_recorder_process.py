@@ -16,6 +16,7 @@ from msg_conversions.encoding import ImuTemplate
 import numpy as np
 import pytest
 from rclpy.node import Node
+import rosbags  # noqa: F401, without it nothing is recorded
 from sensor_msgs.msg import Imu
 from std_msgs.msg import UInt8MultiArray
 

@@ -115,6 +115,7 @@ def test_who_has_no_keys_is_told_in_one_line(tmp_path):
 
 def test_the_policies_allow_what_a_bench_uses_and_nothing_else(ros, tmp_path):
     from rclpy.node import Node
+    import rosbags  # noqa: F401, without it nothing is recorded
 
     observer = ros.add(Node, '_observer')
     path, anew = POLICIES / f'{BENCH}.policy.xml', bool(os.environ.get('IMU_BENCH_WRITE_GOLDEN'))
