@@ -9,6 +9,7 @@ from imu_bench.offline.analysis.recording import analyse
 from imu_bench.offline.analysis.results import Analysis, Failure, RecordingResult
 from imu_bench.offline.comparing import sensors
 from imu_bench.offline.health import Finding
+from imu_bench.offline.plans.result import PlanResult
 from imu_bench.offline.presentation import (
     axis_tables,
     pages,
@@ -16,7 +17,7 @@ from imu_bench.offline.presentation import (
     sentences,
     uses,
 )
-from imu_bench.offline.presentation.tables import cells
+from imu_bench.offline.presentation.tables import cells, Column, Table
 from imu_bench.samples import Samples
 import numpy as np
 import pytest
@@ -219,3 +220,11 @@ def test_recordings_of_one_topic_without_a_serial_number_may_be_of_one_sensor(qu
     assert '--pool' not in said(monday)
     assert '--pool' not in said(monday, replace(friday, topic='/other'))
     assert '--pool' not in said(monday, replace(friday, serial='17'))
+
+
+@pytest.mark.parametrize(('rows', 'folded'), [(40, 0), (41, 1)])
+def test_a_long_table_of_a_plan_unfolds(rows, folded):
+    table = Table('Steps', (Column('step'),), tuple((k,) for k in range(rows)))
+    page = pages.render_plan(PlanResult('p', 'A plan', ('Done.',), (table,), (), (), {}))
+    assert page.count(f'<summary>Steps: {rows} rows</summary>') == folded
+    assert page.count('<th scope="row"') >= rows

@@ -193,7 +193,7 @@
   /* On paper four figures share a page; they keep the shape that they have on the screen. */
   const width = 490, height = 268;  // px: that of A4 landscape without margins, heading, captions
   window.addEventListener('beforeprint', function () {
-    document.querySelectorAll('.sensor > .run, #reading > .run').forEach(function (run) { run.open = true; });
+    document.querySelectorAll('.sensor > .run, #tables > .run, #reading > .run').forEach(function (run) { run.open = true; });
     Array.from(waiting.keys()).forEach(draw);
     document.querySelectorAll('.plot').forEach(function (place) {
       const room = place.closest('.panels') ? width * 2 / 3 : width;
