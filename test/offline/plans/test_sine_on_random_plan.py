@@ -23,6 +23,8 @@ CROSS = {'x': (0.0225, 0.0519), 'y': (0.991, 0.971), 'z': (0.0766, 0.0465)}
 @pytest.fixture(scope='module')
 def simulated(tmp_path_factory):
     """Return a function that simulates a run and returns its folder."""
+    import rosbags  # noqa: F401, without it no bag is written
+
     folder = tmp_path_factory.mktemp('campaign')
     config = bench.load_bench(named_file('benches', 'vehicle_vibration'))
 
