@@ -155,7 +155,9 @@ def test_words(sensor):
     row = run_tables.row(line_of(across, 'linear_acceleration.z', 'noise_density'), units)
     assert row['parameter'] == 'noise density'
     assert 'µg/√Hz' in row['reference'].text and '±' in row['reference'].text
-    assert row['difference'].text.startswith('+') and row['change'] == row['ratio']
+    assert (
+        row['difference'].text.startswith('+') and row['change'].text == f'× {row["ratio"].text}'
+    )
     bias = run_tables.row(line_of(across, 'linear_acceleration.z', 'mean'), units)
     assert bias['change'] == bias['difference']
     small = compare_runs(runs([sensor(1)], [sensor(1)]))
