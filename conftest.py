@@ -120,7 +120,8 @@ def pytest_pycollect_makemodule(module_path, parent):
     try:
         return (yield)
     except ImportError as error:
-        reason = missing_for(module_path.read_text(encoding='utf-8')) or lacking(error)
+        text = module_path.read_text(encoding='utf-8')
+        reason = missing_for(text) or lacking(error, SAID.findall(str(error)))
         if not reason:
             raise
         return stand_in(reason, module_path, parent)
@@ -135,6 +136,9 @@ def pytest_make_collect_report(collector):
     if absent and not os.environ.get('CI'):
         report.outcome = 'skipped'
         report.longrepr = (str(collector.path), None, f'Skipped: {NEEDS.format(absent[0])}')
+        # pytest keeps what it could not import to its end, and the next file would get that
+        own = collector.path.relative_to(collector.config.rootpath)
+        sys.modules.pop('.'.join(own.parts).removesuffix('.py'), None)
     return report
 
 

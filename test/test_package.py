@@ -251,6 +251,9 @@ def made():
 def test_d(made): pass
 def test_e(made): pass
 """,
+    'ours.py': 'raise ImportError("it needs bokeh: pip install bokeh")\n',
+    'test_half.py': 'import ours\n\nclass Later: pass\n\ndef test_g(): pass\n',
+    'test_other.py': 'from test_half import Later\n\ndef test_h(): pass\n',
     'test_wrong.py': 'def test_f():\n    assert 1 + 1 == 3\n',
 }
 
@@ -264,7 +267,7 @@ class Others:
             return next((spec for find in finders if (spec := find(name, path, target))), None)
 sys.meta_path[:] = [Others()]
 plugins = 'no:cacheprovider', 'like_launch_testing'
-sys.exit(pytest.main(['-q', '-rs', *(f'-p{name}' for name in plugins)]))
+sys.exit(pytest.main(['-q', '-rs', '--import-mode=importlib', *(f'-p{name}' for name in plugins)]))
 """
 
 
@@ -285,7 +288,7 @@ def test_without_a_library_its_tests_are_skipped_with_its_name_and_fail_in_ci(tm
         )  # fmt: skip
 
     done = run()
-    assert '1 failed, 5 skipped' in done.stdout, done.stdout + done.stderr
+    assert '1 failed, 7 skipped' in done.stdout, done.stdout + done.stderr
     for library in ('allantools', 'bokeh', 'lz4', 'rosbags'):
         assert f'needs {library}, which is not installed' in done.stdout
     strict = run(CI='true')
