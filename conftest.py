@@ -119,7 +119,7 @@ def pytest_pycollect_makemodule(module_path, parent):
     """Be there when the plugin of launch_testing imports every file of tests."""
     try:
         return (yield)
-    except ImportError as error:
+    except Exception as error:  # ours says in a line of its own what it needs
         text = module_path.read_text(encoding='utf-8')
         reason = missing_for(text) or lacking(error, SAID.findall(str(error)))
         if not reason:

@@ -251,7 +251,7 @@ def made():
 def test_d(made): pass
 def test_e(made): pass
 """,
-    'ours.py': 'raise ImportError("it needs bokeh: pip install bokeh")\n',
+    'ours.py': 'raise RuntimeError("it needs bokeh: pip install bokeh")\n',
     'test_half.py': 'import ours\n\nclass Later: pass\n\ndef test_g(): pass\n',
     'test_other.py': 'from test_half import Later\n\ndef test_h(): pass\n',
     'test_wrong.py': 'def test_f():\n    assert 1 + 1 == 3\n',
