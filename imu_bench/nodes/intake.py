@@ -28,6 +28,8 @@ import numpy as np
 import numpy.typing as npt
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import UInt8MultiArray
@@ -173,15 +175,7 @@ class Intake:
         if topic not in self._apart:
             apart = self._apart[topic] = ForeignMessages()
             profile = qos.requested([each.qos_profile for each in publishers], qos.depth(message))
-            subscription = qos.create_subscription(
-                self._node,
-                message,
-                topic,
-                _unused_callback,
-                profile,
-                callback_group=self._group,
-                raw=True,
-            )
+            subscription = self._subscription(topic, message, profile)
             heard = _Source(subscription, message, lambda data, infos: apart.heard(data))
             self._sources.append(heard)
         self._apart[topic].settle()
@@ -213,6 +207,13 @@ class Intake:
         found = self._node.get_publishers_info_by_topic(f'{namespace}/{blocks.TOPIC}')
         return [each for each in found if each.topic_type == blocks.TYPE]
 
+    def _subscription(self, topic: str, message: type, profile: QoSProfile) -> Subscription:
+        """Return a subscription from which a thread takes what comes, as bytes."""
+        return qos.create_subscription(
+            self._node, message, topic, _unused_callback, profile,
+            callback_group=self._group, raw=True,
+        )  # fmt: skip
+
     def _subscribe_blocks(self, namespace: str) -> None:
         topic = f'{namespace}/{blocks.TOPIC}'
         profile = qos.keep_last(BLOCKS, 'reliable')
@@ -230,15 +231,7 @@ class Intake:
         self, topic: str, message: type, publishers: list[TopicEndpointInfo]
     ) -> None:
         profile = qos.requested([each.qos_profile for each in publishers], qos.depth(message))
-        subscription = qos.create_subscription(
-            self._node,
-            message,
-            topic,
-            _unused_callback,
-            profile,
-            callback_group=self._group,
-            raw=True,
-        )
+        subscription = self._subscription(topic, message, profile)
         self._publishers[topic] = {bytes(each.endpoint_gid) for each in publishers}
         sequences = self.sequences[topic] = Sequences(lambda: self._around(topic))
 
